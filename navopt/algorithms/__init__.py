@@ -1,0 +1,1 @@
+"""Swarm algorithms and anchors, all pymoo algorithms."""

@@ -1,0 +1,1 @@
+"""Embedded gravity grids."""

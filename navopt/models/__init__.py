@@ -1,0 +1,1 @@
+"""Physics without optimisation."""
