@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from navopt.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from baselines.nominal import Nominal
-    from baselines.tercom import Tercom
+    from baselines.base import Baseline as Baseline
+    from baselines.nominal import Nominal as Nominal
+    from baselines.tercom import Tercom as Tercom
 
-_HOMES = {"Nominal": "baselines.nominal", "Tercom": "baselines.tercom"}
-
-__all__ = ["Nominal", "Tercom"]
-
-
-def __getattr__(name: str) -> Any:
-    if name in _HOMES:
-        return getattr(importlib.import_module(_HOMES[name]), name)
-    raise AttributeError(f"module 'baselines' has no attribute {name!r}")
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "Baseline": "baselines.base",
+        "Nominal": "baselines.nominal",
+        "Tercom": "baselines.tercom",
+    },
+)

@@ -6,78 +6,54 @@ plotting or solver library.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from navopt.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from navopt import algorithms, data, errors, models, problems
-    from navopt.evaluation import Counts
-    from navopt.problem import EstimationProblem, Parameter
-    from navopt.registry import (
-        ProblemInfo,
-        SolverInfo,
-        list_problems,
-        list_solvers,
-        make_solver,
-        problem_info,
-        simulate,
-        solver_info,
-    )
-    from navopt.solution import Solution
-    from navopt.solving import Progress, solve
+    from navopt import algorithms as algorithms
+    from navopt import data as data
+    from navopt import errors as errors
+    from navopt import models as models
+    from navopt import problems as problems
+    from navopt.evaluation import Counts as Counts
+    from navopt.problem import EstimationProblem as EstimationProblem
+    from navopt.problem import Parameter as Parameter
+    from navopt.registry import ProblemInfo as ProblemInfo
+    from navopt.registry import SolverInfo as SolverInfo
+    from navopt.registry import list_problems as list_problems
+    from navopt.registry import list_solvers as list_solvers
+    from navopt.registry import make_solver as make_solver
+    from navopt.registry import problem_info as problem_info
+    from navopt.registry import simulate as simulate
+    from navopt.registry import solver_info as solver_info
+    from navopt.solution import Solution as Solution
+    from navopt.solving import Progress as Progress
+    from navopt.solving import solve as solve
 
 __version__ = "0.1.0"
 
-_HOMES = {
-    "Counts": "navopt.evaluation",
-    "EstimationProblem": "navopt.problem",
-    "Parameter": "navopt.problem",
-    "ProblemInfo": "navopt.registry",
-    "SolverInfo": "navopt.registry",
-    "list_problems": "navopt.registry",
-    "list_solvers": "navopt.registry",
-    "make_solver": "navopt.registry",
-    "problem_info": "navopt.registry",
-    "simulate": "navopt.registry",
-    "solver_info": "navopt.registry",
-    "Solution": "navopt.solution",
-    "Progress": "navopt.solving",
-    "solve": "navopt.solving",
-}
-_MODULES = ("algorithms", "data", "errors", "models", "problems")
-
-__all__ = [
-    "Counts",
-    "EstimationProblem",
-    "Parameter",
-    "ProblemInfo",
-    "Progress",
-    "Solution",
-    "SolverInfo",
-    "algorithms",
-    "data",
-    "errors",
-    "list_problems",
-    "list_solvers",
-    "make_solver",
-    "models",
-    "problem_info",
-    "problems",
-    "simulate",
-    "solve",
-    "solver_info",
-]
-
-
-def __getattr__(name: str) -> Any:
-    if name in _HOMES:
-        value = getattr(importlib.import_module(_HOMES[name]), name)
-        globals()[name] = value
-        return value
-    if name in _MODULES:
-        return importlib.import_module(f"navopt.{name}")
-    raise AttributeError(f"module 'navopt' has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted([*__all__, "__version__"])
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "Counts": "navopt.evaluation",
+        "EstimationProblem": "navopt.problem",
+        "Parameter": "navopt.problem",
+        "ProblemInfo": "navopt.registry",
+        "Progress": "navopt.solving",
+        "Solution": "navopt.solution",
+        "SolverInfo": "navopt.registry",
+        "algorithms": "navopt.algorithms",
+        "data": "navopt.data",
+        "errors": "navopt.errors",
+        "list_problems": "navopt.registry",
+        "list_solvers": "navopt.registry",
+        "make_solver": "navopt.registry",
+        "models": "navopt.models",
+        "problem_info": "navopt.registry",
+        "problems": "navopt.problems",
+        "simulate": "navopt.registry",
+        "solve": "navopt.solving",
+        "solver_info": "navopt.registry",
+    },
+)

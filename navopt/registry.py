@@ -26,6 +26,7 @@ __all__ = [
     "list_solvers",
     "make_solver",
     "problem",
+    "problem_class",
     "problem_info",
     "simulate",
     "solver",
@@ -204,6 +205,12 @@ def solver_factory(name: str) -> Any:
     return _load("navopt.solvers", "solver", name)
 
 
+def problem_class(name: str) -> type[EstimationProblem]:
+    """Class registered as `name`."""
+    cls: type[EstimationProblem] = _load("navopt.problems", "problem", name)
+    return cls
+
+
 def solver_info(name: str) -> SolverInfo:
     """Return what the solver registered as `name` declares."""
     info: SolverInfo = solver_factory(name).solver_info
@@ -212,7 +219,7 @@ def solver_info(name: str) -> SolverInfo:
 
 def problem_info(name: str) -> ProblemInfo:
     """Return what the problem registered as `name` declares."""
-    info: ProblemInfo = _load("navopt.problems", "problem", name).problem_info
+    info: ProblemInfo = problem_class(name).problem_info  # type: ignore[attr-defined]
     return info
 
 
@@ -246,7 +253,7 @@ def make_solver(name: str, **settings: Any) -> Algorithm:
 
 def simulate(name: str, seed: int = 0, **scenario: Any) -> EstimationProblem:
     """Draw one world of the problem registered as `name`; keywords as its ``simulate``."""
-    cls = _load("navopt.problems", "problem", name)
+    cls = problem_class(name)
     accepted = [p for p in inspect.signature(cls.simulate).parameters if p != "seed"]
     for key in scenario:
         if key not in accepted:

@@ -1,0 +1,35 @@
+"""Studies: many worlds, many solvers, one budget, and what can be said afterwards."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from navopt.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from comparisons.report import write_report as write_report
+    from comparisons.runner import Summary as Summary
+    from comparisons.runner import run_study as run_study
+    from comparisons.statistics import ranked_table as ranked_table
+    from comparisons.store import ResultsStore as ResultsStore
+    from comparisons.study import RunSpec as RunSpec
+    from comparisons.study import SolverEntry as SolverEntry
+    from comparisons.study import Study as Study
+    from comparisons.study import Success as Success
+    from comparisons.study import list_studies as list_studies
+
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "ResultsStore": "comparisons.store",
+        "RunSpec": "comparisons.study",
+        "SolverEntry": "comparisons.study",
+        "Study": "comparisons.study",
+        "Success": "comparisons.study",
+        "Summary": "comparisons.runner",
+        "list_studies": "comparisons.study",
+        "ranked_table": "comparisons.statistics",
+        "run_study": "comparisons.runner",
+        "write_report": "comparisons.report",
+    },
+)

@@ -1,0 +1,262 @@
+"""The report of a study: one HTML page that needs nothing else, and two CSV files beside it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import tempfile
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.figure import Figure
+
+from comparisons.drawing import UNAIDED
+from comparisons.figures import convergence, error_boxes, map_picture, render, solver_styles
+from comparisons.provenance import checksums, commands, facts, in_words, solver_rows, study_toml
+from comparisons.statistics import FAILURES, REFERENCES, ranked_table, reference_errors, success_columns
+from comparisons.wording import Display, cells, format_number, notes, reference_cells, smallest_p
+from navopt.errors import StoreError
+
+__all__ = ["write_report"]
+
+#: Wider than this, a picture is a map with a raster field and goes into the page as PNG.
+MAP_DPI = 130
+
+
+def write_report(store: Any, path: str | Path | None = None) -> Path:
+    """Write the report of a study from its store.
+
+    The page holds its pictures and style itself, asks nothing of any network, and is byte-identical for
+    the same store. ``table.csv`` (the ranked table) and ``runs.csv`` (every run) are written beside it.
+    Each file is replaced as a whole, so that a reader never sees half of one.
+
+    Parameters
+    ----------
+    store : ResultsStore
+        Results of the study; they may be incomplete, or failures only.
+    path : path-like, optional
+        The HTML file, or an existing folder for ``report.html``; by default beside the store.
+
+    Returns
+    -------
+    pathlib.Path
+        The HTML file.
+
+    Raises
+    ------
+    StoreError
+        If a file cannot be written there.
+    """
+    target = Path(path) if path is not None else Path(store.path).parent
+    if target.is_dir() or (path is None and not target.suffix):
+        target = target / "report.html"
+    study, runs = store.study, store.runs()
+    table = ranked_table(runs, study)
+    page = _environment().get_template("report.html.j2").render(_context(store, study, runs, table))
+    _write(target, page)
+    _write(target.with_name("table.csv"), table.to_csv(index=False, lineterminator="\n"))
+    _write(target.with_name("runs.csv"), _flat(runs).to_csv(index=False, lineterminator="\n"))
+    return target
+
+
+def _environment() -> Environment:
+    return Environment(
+        loader=PackageLoader("comparisons"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def _context(store: Any, study: Any, runs: pd.DataFrame, table: pd.DataFrame) -> dict[str, Any]:
+    planned = len(study.scenarios) * len(study.worlds) * len(study.solvers) * len(study.seeds)
+    failed = int(runs["status"].isin(FAILURES).sum()) if len(runs) else 0
+    return {
+        "title": study.title or study.name,
+        "paragraphs": [part for part in study.description.split("\n\n") if part.strip()],
+        "planned": planned,
+        "finished": len(runs),
+        "failed": failed,
+        "findings": [text for scenario in study.scenarios for text in _findings(table, study, scenario)],
+        "facts": facts(store, study, runs),
+        "scenarios": [_scenario(store, study, runs, table, label) for label in study.scenarios],
+        "failures": _failures(runs),
+        "invalid": _invalid(runs),
+        "solvers": solver_rows(study, runs),
+        "checksums": checksums(study, runs),
+        "commands": commands(study),
+        "toml": study_toml(study),
+        "notes": notes(table, study),
+        "colours": {label: style.colour for label, style in solver_styles(study).items()},
+        "neutral": UNAIDED.colour,
+    }
+
+
+def _findings(table: pd.DataFrame, study: Any, scenario: str, *, significance: float = 0.05) -> list[str]:
+    """One sentence on who is best in a scenario, and who cannot be told from it."""
+    display = Display.of(study)
+    here = table[table["scenario"] == scenario]
+    best = here[here["best"]]
+    if best.empty:
+        return []
+    row = best.iloc[0]
+    unit = f" {display.unit}" if display.unit else ""
+    middle, low, high = (display.text(row[name]) for name in ("median", "median_low", "median_high"))
+    text = f"{scenario}: {row['solver']} has the lowest median {display.label}, {middle}{unit}"
+    if np.isfinite(row["median_low"]):
+        text += f" (95 % interval {low} to {high})"
+    others = here[(here["runs"] > 0) & ~here["best"]]
+    ties = list(others.loc[others["tie"], "solver"])
+    if len(others) == 0:
+        return [text + "."]
+    if smallest_p(here) >= significance:
+        return [text + "; these are too few worlds to tell it from the others."]
+    if not ties:
+        return [text + "; every other solver differs from it significantly."]
+    if len(ties) == len(others):
+        return [text + "; no other solver can be told apart from it on these worlds."]
+    return [text + f"; not told apart from it: {', '.join(ties)}."]
+
+
+def _scenario(store: Any, study: Any, runs: pd.DataFrame, table: pd.DataFrame, label: str) -> dict[str, Any]:
+    display = Display.of(study)
+    labels = [name for name, _, _ in success_columns(study)]
+    here = table[table["scenario"] == label]
+    shown = cells(here, labels, display)
+    rows = [
+        {"cells": list(values), "solver": solver, "best": best, "reference": method in REFERENCES}
+        for values, solver, best, method in zip(
+            shown.to_numpy(), here["solver"], here["best"], here["method"], strict=True
+        )
+    ]
+    reference = reference_errors(store, study, label)
+    if reference is not None:
+        extra = reference_cells(reference, study, list(shown.columns), display)
+        rows.append({"cells": extra, "solver": None, "best": False, "reference": True})
+    done = bool(len(runs)) and bool((runs["scenario"] == label).any())
+    pictures = []
+    if done:
+        pictures = [
+            _picture(
+                error_boxes(runs, study, scenario=label, table=table),
+                f"Box plots of the {display.label} of each solver in scenario {label}",
+                f"{display.title[:1].upper()}{display.title[1:]}: quartiles, median and whiskers over all "
+                "runs; each dot is a world.",
+            ),
+            _picture(
+                convergence(store, scenario=label),
+                f"Best loss so far against cost in scenario {label}",
+                "Convergence: median and quartile band of the best loss over worlds and seeds. The last "
+                "marker of a line is where the median run stops spending; the thin line holds its value.",
+            ),
+        ]
+        for world in study.worlds[: max(study.illustrate, 0)]:
+            figure = map_picture(store, scenario=label, world=world)
+            if figure is not None:
+                caption = (
+                    "The field with the true, inertial and matched tracks: whole voyage, matched window, "
+                    "last point. Frames mark the next panel's area."
+                )
+                alt = f"Map of scenario {label}, world {world}, with the tracks of all solvers"
+                pictures.append(_picture(figure, alt, caption, format="png"))
+    return {
+        "label": label,
+        "words": in_words(study.scenarios[label]),
+        "columns": list(shown.columns),
+        "rows": rows,
+        "pictures": pictures,
+        "done": done,
+    }
+
+
+def _picture(figure: Figure, alt: str, caption: str, *, format: str = "svg") -> dict[str, str]:
+    data = base64.b64encode(render(figure, format=format, dpi=MAP_DPI)).decode("ascii")
+    kind = "svg+xml" if format == "svg" else format
+    return {"source": f"data:image/{kind};base64,{data}", "alt": alt, "caption": caption}
+
+
+def _failures(runs: pd.DataFrame) -> list[dict[str, Any]]:
+    """Failed and invalid runs, counted by scenario, solver and cause."""
+    if not len(runs):
+        return []
+    tally: dict[tuple[str, str, str, str], list[int]] = {}
+    for row in runs[runs["status"].isin(FAILURES)].to_dict("records"):
+        cause = row["error"] if isinstance(row["error"], str) and row["error"] else row["message"]
+        tally.setdefault((row["scenario"], row["solver"], row["status"], cause), []).append(int(row["world"]))
+    return [
+        {
+            "scenario": scenario,
+            "solver": solver,
+            "status": status,
+            "cause": cause,
+            "runs": len(worlds),
+            "worlds": _listed(sorted(set(worlds))),
+        }
+        for (scenario, solver, status, cause), worlds in tally.items()
+    ]
+
+
+def _listed(values: list[int], *, most: int = 8) -> str:
+    text = ", ".join(map(str, values[:most]))
+    return f"{text} and {len(values) - most} more" if len(values) > most else text
+
+
+def _invalid(runs: pd.DataFrame) -> list[dict[str, Any]]:
+    """Candidates that the model could not evaluate, by scenario, solver and reason."""
+    if not len(runs):
+        return []
+    tally: Counter[tuple[str, str, str]] = Counter()
+    spent: Counter[tuple[str, str]] = Counter()
+    for row in runs.to_dict("records"):
+        who = row["scenario"], row["solver"]
+        spent[who] += int(row["cost"]) if np.isfinite(row["cost"]) else 0
+        for reason, count in (row["invalid"] or {}).items():
+            tally[*who, reason] += int(count)
+    return [
+        {
+            "scenario": scenario,
+            "solver": solver,
+            "reason": reason,
+            "count": format_number(count) if count >= 1000 else str(count),
+            "share": f"{100 * count / spent[scenario, solver]:.1f} %" if spent[scenario, solver] else "–",
+        }
+        for (scenario, solver, reason), count in tally.items()
+        if count
+    ]
+
+
+def _flat(runs: pd.DataFrame) -> pd.DataFrame:
+    """Put one plain value in each cell: arrays as numbers with spaces between, tables as JSON."""
+    flat = runs.drop(columns=[name for name in ("scores", "held_out") if name in runs])
+    for name in ("counts", "invalid", "settings"):
+        if name in flat:
+            flat[name] = [json.dumps(value, sort_keys=True, default=str) for value in flat[name]]
+    if "x" in flat:
+        flat["x"] = [" ".join(repr(float(v)) for v in np.ravel(x)) for x in flat["x"]]
+    return flat
+
+
+def _write(path: Path, text: str) -> None:
+    """Replace a file as a whole."""
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        with os.fdopen(descriptor, "w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(temporary, 0o666 & ~mask)  # mkstemp's files are the owner's alone
+        os.replace(temporary, path)
+    except OSError as error:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+        raise StoreError(
+            f"path: cannot write {path} ({error.strerror}); give a folder you may write to"
+        ) from error

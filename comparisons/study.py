@@ -1,0 +1,343 @@
+"""What a comparative study is: problem × scenarios × worlds × solvers × seeds at one budget.
+
+A `Study` is a plain object. Its TOML form is read by `Study.from_toml`; studies that come with the
+package are opened by name with `Study.named`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from comparisons.study_file import parse, read_toml
+from navopt.errors import InvalidInput, UnknownName
+
+__all__ = ["RunSpec", "SolverEntry", "Study", "Success", "list_studies", "study_title"]
+
+#: Keys of `Study.display`: factor on the score, the unit it then has, and what the score is called.
+DISPLAY_KEYS = ("label", "scale", "unit")
+
+
+@dataclass(frozen=True)
+class SolverEntry:
+    """One competitor of a study.
+
+    Attributes
+    ----------
+    name : str
+        Registered solver.
+    label : str
+        What the study calls it; unique in the study, `name` by default.
+    settings : dict
+        Keywords of the solver; those not given keep its defaults.
+    """
+
+    name: str
+    label: str = ""
+    settings: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "label", self.label or self.name)
+        object.__setattr__(self, "settings", dict(self.settings))
+
+
+@dataclass(frozen=True)
+class Success:
+    """When a run counts as a match: its score below a threshold.
+
+    Attributes
+    ----------
+    score : str
+        Score key, or ``"loss"``.
+    below : tuple of float
+        Thresholds, in the unit of the score.
+    labels : tuple of str
+        What to call each threshold; ``< value`` by default.
+    """
+
+    score: str
+    below: tuple[float, ...]
+    labels: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "below", tuple(float(value) for value in self.below))
+        object.__setattr__(self, "labels", tuple(self.labels) or tuple(f"< {v:g}" for v in self.below))
+        if not self.below or len(self.labels) != len(self.below):
+            raise InvalidInput("success", (self.below, self.labels), "give one label for each threshold")
+
+
+@dataclass(frozen=True)
+class RunSpec:
+    """One run of a study: everything a worker needs to repeat it.
+
+    Attributes
+    ----------
+    key : str
+        SHA-256 of everything the result depends on.
+    world_key : str
+        The same for the world alone, shared by all runs on it.
+    scenario_label : str
+        What the study calls the scenario.
+    scenario : dict
+        Keywords of the problem's ``simulate``.
+    world : int
+        Seed of the world.
+    solver_label : str
+        What the study calls the solver.
+    solver : str
+        Registered solver.
+    settings : dict
+        Keywords of the solver as the study gives them.
+    seed : int
+        Seed of the solver.
+    problem : str
+        Registered problem.
+    budget : int
+        Largest cost.
+    held_out : int
+        Number of redrawn twins that the solution is applied to.
+    """
+
+    key: str
+    world_key: str
+    scenario_label: str
+    scenario: dict[str, Any]
+    world: int
+    solver_label: str
+    solver: str
+    settings: dict[str, Any]
+    seed: int
+    problem: str
+    budget: int
+    held_out: int = 0
+
+
+@dataclass(frozen=True)
+class Study:
+    """A comparison of solvers at equal cost over many worlds.
+
+    Attributes
+    ----------
+    name : str
+        Short name, also of the default results folder: letters, digits, ``-``, ``_`` and ``.``.
+    problem : str
+        Registered problem.
+    scenarios : dict of str to dict
+        Keywords of the problem's ``simulate`` by scenario label; at least one.
+    solvers : tuple of SolverEntry
+        The competitors, with labels that differ.
+    worlds : tuple of int
+        World seeds.
+    budget : int
+        Largest cost of each run.
+    seeds : tuple of int, default (1,)
+        Solver seeds on each world.
+    title, description : str
+        For the report.
+    rank_by : str, default "loss"
+        Score key that ranks the solvers, or ``"loss"``.
+    display : dict
+        How to print `rank_by`: ``scale`` (factor), ``unit`` (after scaling), ``label``; all optional.
+    success : tuple of Success
+        What counts as a match.
+    held_out : int, default 0
+        Number of redrawn twins that each solution is applied to.
+    illustrate : int, default 1
+        Number of worlds per scenario whose illustration is kept.
+
+    Raises
+    ------
+    InvalidInput
+        If a value cannot be used.
+    UnknownName
+        If `display` has an unknown key.
+    """
+
+    name: str
+    problem: str
+    scenarios: dict[str, dict[str, Any]]
+    solvers: tuple[SolverEntry, ...]
+    worlds: tuple[int, ...]
+    budget: int
+    seeds: tuple[int, ...] = (1,)
+    title: str = ""
+    description: str = ""
+    rank_by: str = "loss"
+    display: dict[str, Any] = field(default_factory=dict)
+    success: tuple[Success, ...] = ()
+    held_out: int = 0
+    illustrate: int = 1
+
+    def __post_init__(self) -> None:
+        plain = {
+            "scenarios": {label: dict(scenario) for label, scenario in self.scenarios.items()},
+            "solvers": tuple(self.solvers),
+            "worlds": tuple(self.worlds),
+            "seeds": tuple(self.seeds),
+            "display": dict(self.display),
+            "success": tuple(self.success),
+            "title": self.title or self.name,
+        }
+        for key, value in plain.items():
+            object.__setattr__(self, key, value)
+        if not isinstance(self.name, str) or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", self.name):
+            raise InvalidInput("name", self.name, "use letters, digits, '-', '_' and '.': it names a folder")
+        for argument in ("scenarios", "solvers"):
+            if not getattr(self, argument):
+                raise InvalidInput(argument, getattr(self, argument), "give at least one")
+        _distinct("labels of solvers", tuple(entry.label for entry in self.solvers))
+        _seeds("worlds", self.worlds)
+        _seeds("seeds", self.seeds)
+        _whole("budget", self.budget, 1)
+        _whole("held_out", self.held_out, 0)
+        _whole("illustrate", self.illustrate, 0)
+        for key in self.display:
+            if key not in DISPLAY_KEYS:
+                raise UnknownName("display", key, DISPLAY_KEYS)
+
+    # -- where studies come from -----------------------------------------------------------------
+    @classmethod
+    def from_toml(cls, path: str | Path) -> Study:
+        """Read a study file and check that everything it names exists.
+
+        Parameters
+        ----------
+        path : path-like
+            A TOML file; the keys are the attributes of this class, with ``[scenarios."label"]``,
+            ``[[solvers]]``, ``[[success]]`` and ``[display]`` tables. ``worlds`` is a list of seeds, or a
+            count together with ``first_world`` (0 by default).
+
+        Returns
+        -------
+        Study
+
+        Raises
+        ------
+        InvalidInput
+            If the file cannot be read or a value cannot be used.
+        UnknownName
+            If a key, problem, scenario key, solver or setting is unknown; the nearest is suggested.
+        """
+        study = cls.from_dict(read_toml(Path(path)), source=str(path))
+        study.check(source=str(path))
+        return study
+
+    @classmethod
+    def named(cls, name: str) -> Study:
+        """Open a study that comes with the package, see `list_studies`; errors as `from_toml`."""
+        return cls.from_toml(_embedded(name))
+
+    @classmethod
+    def from_dict(cls, document: Mapping[str, Any], *, source: str = "study") -> Study:
+        """Build a study from the tables of its TOML form; the registries are not asked.
+
+        Parameters
+        ----------
+        document : mapping
+            Keys and values as in the TOML form.
+        source : str, keyword-only
+            Where it comes from, for error messages.
+        """
+        values = parse(document, source)
+        try:
+            values["solvers"] = tuple(SolverEntry(**entry) for entry in values["solvers"])
+            values["success"] = tuple(Success(**entry) for entry in values["success"])
+            return cls(**values)
+        except UnknownName as error:
+            raise UnknownName(f"{source}: {error.argument}", error.value.strip("'\""), error.known) from None
+        except InvalidInput as error:
+            raise InvalidInput(f"{source}: {error.argument}", error.value, error.remedy) from None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Tables of the TOML form; `from_dict` gives the same study back."""
+        return asdict(self)
+
+    def replaced(self, *, worlds: int | None = None, budget: int | None = None) -> Study:
+        """Study with another number of worlds or another budget.
+
+        Parameters
+        ----------
+        worlds : int, optional
+            Number of worlds: the first ones of this study, and beyond them the seeds after its largest.
+        budget : int, optional
+            Largest cost of each run.
+        """
+        changes: dict[str, Any] = {}
+        if worlds is not None:
+            count = _whole("worlds", worlds, 1)
+            beyond = max(self.worlds) + 1
+            further = range(beyond, beyond + max(count - len(self.worlds), 0))
+            changes["worlds"] = (*self.worlds[:count], *further)
+        if budget is not None:
+            changes["budget"] = budget
+        return replace(self, **changes)
+
+    # -- what it asks for ------------------------------------------------------------------------
+    def check(self, *, source: str = "study") -> None:
+        """Refuse unknown problems, scenario keys, solvers and settings before anything runs.
+
+        Parameters
+        ----------
+        source : str, keyword-only
+            Where the study comes from, for error messages.
+
+        Raises
+        ------
+        UnknownName
+            If a name is not registered or accepted.
+        InvalidInput
+            If a setting has an unusable value, or two entries ask for the same run.
+        """
+        from comparisons.planning import check_names, plan
+
+        check_names(self, source)
+        plan(self, source)
+
+    def runs(self) -> list[RunSpec]:
+        """Every run of the study, ordered by scenario, world, solver and seed; errors as `check`."""
+        from comparisons.planning import plan
+
+        return plan(self, "study")
+
+
+def list_studies() -> list[str]:
+    """Names of the studies that come with the package, sorted."""
+    found = (files("comparisons") / "studies").iterdir()
+    return sorted(item.name.removesuffix(".toml") for item in found if item.name.endswith(".toml"))
+
+
+def study_title(name: str) -> str:
+    """Title of a study that comes with the package; the registries are not asked."""
+    document = read_toml(_embedded(name))
+    return str(document.get("title", name))
+
+
+def _embedded(name: str) -> Path:
+    known = list_studies()
+    if name not in known:
+        raise UnknownName("study", name, known)
+    return Path(str(files("comparisons") / "studies" / f"{name}.toml"))
+
+
+def _whole(argument: str, value: Any, lowest: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < lowest:
+        raise InvalidInput(argument, value, f"give a whole number, at least {lowest}")
+    return value
+
+
+def _seeds(argument: str, values: tuple[int, ...]) -> None:
+    if not values:
+        raise InvalidInput(argument, values, "give at least one seed")
+    for value in values:
+        _whole(argument, value, 0)
+    _distinct(argument, values)
+
+
+def _distinct(argument: str, values: tuple[Any, ...]) -> None:
+    twice = sorted({str(value) for value in values if values.count(value) > 1})
+    if twice:
+        raise InvalidInput(argument, ", ".join(twice), "each may occur once only")
