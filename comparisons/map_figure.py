@@ -97,10 +97,12 @@ def match_map(
     norm = _range(picture["map_values"])
     window = [(line.latitude[-count:], line.longitude[-count:]) for line in lines]
     near = _near(window, away=[_kilometres(a[-1], b[-1], *fix) for a, b in window])
+    last = _square([(np.array(fix[:1]), np.array(fix[1:])), *[(a[-1:], b[-1:]) for a, b in near]], pad=0.35)
+    corners = np.array(last[:2]), np.array(last[2:])
     extents = [
         _clipped(_square([(line.latitude, line.longitude) for line in lines], pad=0.08), picture),
-        _square([(reference[0][-count:], reference[1][-count:]), *near], pad=0.12),
-        _square([(np.array(fix[:1]), np.array(fix[1:])), *[(a[-1:], b[-1:]) for a, b in near]], pad=0.35),
+        _square([(reference[0][-count:], reference[1][-count:]), *near, corners], pad=0.1),
+        last,
     ]
     names = (f"{title}\nwhole voyage".lstrip(), f"matched window, {count} samples", "last point")
     for k, (axes, extent, name) in enumerate(zip(panels, extents, names, strict=True)):
@@ -108,7 +110,7 @@ def match_map(
         for line in lines:
             _draw(axes, line, count, closer=k)
         _frame(axes, extent, name + (f"\ncontours every {interval:g} {unit}" if interval else ""))
-        _scale_bar(axes, extent)
+        _scale_bar(axes, extent, lines)
     for axes, (south, north, west, east) in ((panels[0], extents[1]), (panels[1], extents[2])):
         frame = Rectangle((west, south), east - west, north - south, fill=False, edgecolor="#222222")
         frame.set(linewidth=0.9, zorder=30)
@@ -237,21 +239,34 @@ def _frame(axes: Axes, extent: _Extent, name: str) -> None:
     axes.ticklabel_format(useOffset=False)
 
 
-def _scale_bar(axes: Axes, extent: _Extent) -> None:
-    """Draw a bar of a round number of kilometres in the lower left corner, on a white plate."""
-    south, _, west, east = extent
+def _scale_bar(axes: Axes, extent: _Extent, lines: list[_Drawn]) -> None:
+    """Draw a bar of a round number of kilometres on a white plate, in the corner where fewest tracks are."""
+    south, north, west, east = extent
     width = _kilometres(south, west, south, east)
     length = _round_number(0.35 * width)
     share = length / width
-    plate = Rectangle(
-        (0.03, 0.03), share + 0.06, 0.1, transform=axes.transAxes, facecolor="white", alpha=0.85, zorder=31
+    plate = share + 0.06, 0.1
+    corners = [(x, y) for y in (0.03, 0.87) for x in (0.03, 0.97 - plate[0])]
+
+    def hidden(corner: tuple[float, float]) -> int:
+        count = 0
+        for line in lines:
+            steps = np.linspace(0, len(line.latitude) - 1, 4000)
+            places = np.arange(len(line.latitude))
+            x = (np.interp(steps, places, line.longitude) - west) / (east - west) - corner[0]
+            y = (np.interp(steps, places, line.latitude) - south) / (north - south) - corner[1]
+            count += int(((x > 0) & (x < plate[0]) & (y > 0) & (y < plate[1])).sum())
+        return count
+
+    left, bottom = min(corners, key=hidden)
+    axes.add_patch(
+        Rectangle((left, bottom), *plate, transform=axes.transAxes, facecolor="white", alpha=0.85, zorder=31)
     )
-    axes.add_patch(plate)
     axes.plot(
-        [0.06, 0.06 + share], [0.05, 0.05], color="black", linewidth=2.2, solid_capstyle="butt",
-        transform=axes.transAxes, zorder=32,
+        [left + 0.03, left + 0.03 + share], [bottom + 0.02, bottom + 0.02], color="black", linewidth=2.2,
+        solid_capstyle="butt", transform=axes.transAxes, zorder=32,
     )  # fmt: skip
     axes.text(
-        0.06 + share / 2, 0.065, f"{length:g} km", transform=axes.transAxes,
+        left + 0.03 + share / 2, bottom + 0.035, f"{length:g} km", transform=axes.transAxes,
         ha="center", va="bottom", fontsize=8, zorder=32,
     )  # fmt: skip

@@ -16,6 +16,8 @@ __all__ = ["holm", "quantile", "summarize", "wilcoxon_p", "wilson_interval"]
 #: Seed and number of the bootstrap's resamples: the same data give the same interval.
 BOOTSTRAP_SEED = 20190613
 BOOTSTRAP_RESAMPLES = 2000
+#: With fewer, even the whole range covers the median with less than 95 %: 1 − 2^(1 − n).
+FEWEST_WORLDS = 6
 
 
 def wilson_interval(successes: float, n: float, *, confidence: float = 0.95) -> tuple[float, float]:
@@ -90,27 +92,39 @@ def quantile(values: ArrayLike, q: float) -> Any:
     return np.where(lower == upper, lower, between)[()]
 
 
-def summarize(values: ArrayLike) -> dict[str, float]:
+def summarize(values: ArrayLike, *, worlds: ArrayLike | None = None) -> dict[str, float]:
     """Describe a sample of errors, where ``+inf`` stands for a failed run.
 
     Parameters
     ----------
     values : array_like, shape (n,)
         Errors; NaN is taken for a failure and counted as ``+inf``.
+    worlds : array_like, shape (n,), optional
+        What each value was measured on: values on one world are not independent, so the bootstrap draws
+        whole worlds. By default each value is a world.
 
     Returns
     -------
     dict of str to float
         ``n``, ``failures``, ``median``, ``q25``, ``q75``, ``iqr``, ``minimum`` and ``maximum`` over all
         values, failures as worst; ``median_low`` and ``median_high``, the 95 % bootstrap interval of the
-        median (BCa, `BOOTSTRAP_RESAMPLES` resamples, fixed seed); ``mean`` and ``sd`` (n − 1) over the
-        finite values only, since one failure would make both infinite.
+        median (BCa, `BOOTSTRAP_RESAMPLES` resamples, fixed seed), NaN for fewer than `FEWEST_WORLDS`
+        worlds; ``mean`` and ``sd`` (n − 1) over the finite values only, since one failure would make both
+        infinite.
+
+    Raises
+    ------
+    InvalidInput
+        If `worlds` is not as long as `values`.
     """
     sample = np.asarray(values, dtype=float).ravel()
     sample = np.where(np.isfinite(sample), sample, np.inf)
+    labels = np.arange(sample.size) if worlds is None else np.asarray(worlds).ravel()
+    if labels.size != sample.size:
+        raise InvalidInput("worlds", labels.size, f"give one for each of the {sample.size} values")
     finite = sample[np.isfinite(sample)]
     q25, median, q75 = (float(quantile(sample, q)) for q in (0.25, 0.5, 0.75))
-    low, high = _median_interval(sample)
+    low, high = _median_interval(sample, labels)
     return {
         "n": sample.size,
         "failures": sample.size - finite.size,
@@ -127,23 +141,33 @@ def summarize(values: ArrayLike) -> dict[str, float]:
     }
 
 
-def _median_interval(sample: np.ndarray) -> tuple[float, float]:
-    """95 % BCa interval of the median; failures are the largest values whatever their size."""
+def _median_interval(sample: np.ndarray, worlds: np.ndarray) -> tuple[float, float]:
+    """95 % BCa interval of the median, whole worlds drawn; failures are beyond everything else."""
     finite = sample[np.isfinite(sample)]
-    if sample.size < 2 or finite.size == 0:
+    known = np.unique(worlds)
+    if known.size < FEWEST_WORLDS or finite.size == 0:
         return float("nan"), float("nan")
-    if np.ptp(sample) == 0:
+    if np.all(sample == sample[0]):
         return float(sample[0]), float(sample[0])
     # the bootstrap cannot stand infinities; a median only needs failures to be beyond everything else
     beyond = finite.max() + 1 + np.ptp(finite)
     stand_in = np.where(np.isfinite(sample), sample, beyond)
+    groups = [stand_in[worlds == world] for world in known]
+    padded = np.full((known.size, max(map(len, groups))), np.nan)
+    for row, group in zip(padded, groups, strict=True):
+        row[: group.size] = group
+
+    def median(drawn: np.ndarray, axis: int = -1) -> np.ndarray:
+        drawn = np.moveaxis(drawn, axis, -1)
+        return np.nanmedian(padded[drawn].reshape(*drawn.shape[:-1], -1), axis=-1)
+
     ends = np.full(2, np.nan)
     for method in ("BCa", "percentile"):  # BCa is undefined where resamples hardly vary
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             interval = scipy.stats.bootstrap(
-                (stand_in,),
-                np.median,
+                (np.arange(known.size),),
+                median,
                 n_resamples=BOOTSTRAP_RESAMPLES,
                 method=method,
                 random_state=np.random.default_rng(BOOTSTRAP_SEED),

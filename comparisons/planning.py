@@ -14,7 +14,7 @@ from navopt.errors import InvalidInput, NavoptError, UnknownName
 if TYPE_CHECKING:
     from comparisons.study import RunSpec, Study
 
-__all__ = ["check_names", "plan"]
+__all__ = ["check_names", "full_settings", "plan"]
 
 
 @contextmanager

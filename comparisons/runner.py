@@ -20,7 +20,7 @@ from navopt.errors import InvalidInput, UnknownName
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = ["Summary", "run_study"]
+__all__ = ["Summary", "check_score_names", "run_study"]
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ import navopt
 from baselines.tercom import Tercom
 from navopt.problems.gravity_matching import GravityMatching
 
-__all__ = ["main", "measure"]
+__all__ = ["clocked", "interleaved", "iteration", "main", "measure"]
 
 
 def interleaved(tasks: dict[str, Callable[[], float]], *, repeats: int = 9) -> dict[str, float]:

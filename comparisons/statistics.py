@@ -39,7 +39,7 @@ REFERENCES = ("nominal",)
 #: Columns that a narrow console does without, first to go first.
 DISPENSABLE = ("mean", "time", "cost", "runs")
 #: Width from which names of solvers are folded.
-FOLDED = 13
+FOLDED = 12
 #: Widest line of a printed table.
 PRINT_WIDTH = 110
 #: Statuses whose run counts as a failure, whatever it left behind.
@@ -181,7 +181,7 @@ def _rank_scenario(runs: pd.DataFrame, study: Any, scenario: str, significance: 
             "expected": len(study.worlds) * len(study.seeds),
             "worlds": own["world"].nunique() if len(own) else 0,
         }
-        described = summarize(scores.loc[own.index] if len(own) else [])
+        described = summarize(scores.loc[own.index], worlds=own["world"]) if len(own) else summarize([])
         described.pop("n")
         row.update(described)
         for label, below, score in thresholds:
@@ -290,25 +290,30 @@ def print_ranked(store: Any, console: Console | None = None, *, significance: fl
     study, display = store.study, Display.of(store.study)
     table = ranked_table(store, significance=significance)
     labels = [label for label, _, _ in success_columns(study)]
-    for scenario in study.scenarios:
-        rows = cells(table[table["scenario"] == scenario], labels, display)
-        styles = ["italic" if name in REFERENCES else "" for name in table.loc[rows.index, "method"]]
-        reference = reference_errors(store, study, scenario)
+    printed = {
+        scenario: cells(part, labels, display) for scenario, part in table.groupby("scenario", sort=False)
+    }
+    for scenario, rows in printed.items():
+        reference = reference_errors(store, study, str(scenario))
         if reference is not None:
             rows.loc[len(table)] = reference_cells(reference, study, list(rows.columns), display)
-            styles.append("italic")
-        for name in DISPENSABLE:
-            if _width(rows) <= width:
-                break
-            rows = rows.drop(columns=[column for column in rows if column.startswith(name)])
+    for name in DISPENSABLE:
+        if max(_width(rows) for rows in printed.values()) <= width:
+            break
+        printed = {
+            scenario: rows.drop(columns=[column for column in rows if column.startswith(name)])
+            for scenario, rows in printed.items()
+        }
+    unaided = {*table.index[table["method"].isin(REFERENCES)], len(table)}
+    for scenario, rows in printed.items():
         title = Text(f"{study.title}: {scenario}", style="bold")
-        printed = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+        shown = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
         for column in rows.columns:
             heading, fits = Text("\n".join(_lines(column))), column != "solver"
-            printed.add_column(heading, justify="right" if fits else "left", no_wrap=fits, overflow="fold")
-        for values, style in zip(rows.to_numpy(), styles, strict=True):
-            printed.add_row(*[Text(value) for value in values], style=style)
-        console.print(printed, width=width)
+            shown.add_column(heading, justify="right" if fits else "left", no_wrap=fits, overflow="fold")
+        for index, values in zip(rows.index, rows.to_numpy(), strict=True):
+            shown.add_row(*[Text(value) for value in values], style="italic" if index in unaided else "")
+        console.print(shown, width=width)
     for note in notes(table, study, significance=significance, brief=True):
         console.print(Text(note), style="dim", width=width)
 

@@ -72,9 +72,17 @@ class Display:
         """Label with its unit, for an axis or a column."""
         return f"{self.label} ({self.unit})" if self.unit else self.label
 
-    def text(self, value: float) -> str:
+    def text(self, value: float, *, digits: int = 3) -> str:
         """`value` of the score in the shown unit, without the unit's name."""
-        return format_number(value * self.scale)
+        return format_number(value * self.scale, digits=digits)
+
+
+def _middle(display: Display, median: float, q25: float, q75: float) -> str:
+    """Median with the quartiles in brackets; a dash between them unless it would be read as a sign."""
+    if np.isinf(q25):
+        return display.text(median)
+    low, high = display.text(q25), display.text(q75)
+    return f"{display.text(median)} [{low}{' to ' if '−' in low + high else '–'}{high}]"
 
 
 def _percent(value: float) -> str:
@@ -121,11 +129,11 @@ def cells(table: pd.DataFrame, labels: list[str], display: Display) -> pd.DataFr
     if (table["failures"] > 0).any():
         columns["failed"] = [str(n) for n in table["failures"]]
     columns[f"median [quartiles]{unit}"] = [
-        f"{text(r.median)} [{text(r.q25)}, {text(r.q75)}]" if r.runs else "–"
+        _middle(display, r.median, r.q25, r.q75) if r.runs else "–"
         for r in table[["median", "q25", "q75", "runs"]].itertuples(index=False)
     ]
     columns[f"mean ± SD{unit}"] = [
-        f"{text(r.mean)} ± {text(r.sd)}" if not np.isnan(r.mean) else "–"
+        f"{text(r.mean)} ± {display.text(r.sd, digits=2)}" if not np.isnan(r.mean) else "–"
         for r in table[["mean", "sd"]].itertuples(index=False)
     ]
     if "held_out" in table and table["held_out"].notna().any():
@@ -201,8 +209,8 @@ def notes(table: pd.DataFrame, study: Any, *, significance: float = 0.05, brief:
     if brief:
         return said
     said += [
-        "The median's interval in the CSV file is a 95 % bootstrap interval (bias-corrected and accelerated, "
-        "2000 resamples, fixed seed).",
+        "The median's interval, here and in the CSV file, is a 95 % bootstrap interval over worlds "
+        "(bias-corrected and accelerated, 2000 resamples, fixed seed); fewer than six worlds give none.",
         "The best solver is chosen by the same data it is tested on, which favours it slightly: read the "
         "p-values as a screen, not as a confirmation.",
         "Cost is the number of model evaluations that the budget limits: loss and residual evaluations, "
@@ -229,9 +237,8 @@ def reference_cells(reference: dict[str, Any], study: Any, columns: list[str], d
     texts = {
         "#": "–",
         "solver": f"{reference['label']} ({reference['n']} of {len(study.worlds)} worlds)",
-        "median [": f"{display.text(reference['median'])} "
-        f"[{display.text(reference['q25'])}, {display.text(reference['q75'])}]",
-        "mean ±": f"{display.text(reference['mean'])} ± {display.text(reference['sd'])}",
+        "median [": _middle(display, reference["median"], reference["q25"], reference["q75"]),
+        "mean ±": f"{display.text(reference['mean'])} ± {display.text(reference['sd'], digits=2)}",
     }
     shares = {f"{label} %": f"{_percent(share)}" for label, share in reference["shares"].items()}
     return [

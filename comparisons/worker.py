@@ -5,6 +5,7 @@ The parent sends one `RunSpec` at a time and receives one `RunRecord`; it alone 
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 import signal
@@ -24,10 +25,12 @@ from navopt.problem import EstimationProblem
 from navopt.solution import Solution
 from navopt.solving import solve
 
-__all__ = ["READY", "World", "execute", "failed_record", "serve"]
+__all__ = ["READY", "World", "describe", "execute", "failed_record", "serve"]
 
 #: First message of a worker: it has started and imported everything.
 READY = "ready"
+#: Budget of a solver's unrecorded first run on a process.
+WARM_UP_COST = 50
 #: Twins are drawn from seeds far from those of worlds, so that no twin repeats a world's own noise.
 HELD_OUT_SEED = 1_000_000_000
 
@@ -40,6 +43,19 @@ class World:
         self.problem: EstimationProblem | None = None
         self.twins: list[EstimationProblem] = []
         self.fault: Exception | None = None
+        self.warm: set[str] = set()
+
+    def warm_up(self, spec: RunSpec, problem: EstimationProblem) -> None:
+        """Let a solver import and compile before it is timed; what it finds here is thrown away."""
+        if spec.solver_label in self.warm:
+            return
+        self.warm.add(spec.solver_label)
+        least = max(registry.solver_info(spec.solver).minimum_cost, WARM_UP_COST)
+        with contextlib.suppress(Exception):
+            # a fault will show again, and be recorded, in the run itself
+            first = solve(problem, registry.make_solver(spec.solver, **spec.settings), budget=least)
+            if first.status == "interrupted":
+                raise KeyboardInterrupt
 
     def enter(self, spec: RunSpec) -> tuple[EstimationProblem, list[EstimationProblem]]:
         """Return the world of a run and its redrawn twins; a fault of `simulate` is raised for every run."""
@@ -47,11 +63,8 @@ class World:
             self.key, self.problem, self.twins, self.fault = spec.world_key, None, [], None
             try:
                 self.problem = registry.simulate(spec.problem, spec.world, **spec.scenario)
-                # compile and fill caches now: otherwise the first solver on each process pays in elapsed_s
-                self.problem.loss(self.problem.nominal)
             except Exception as error:
-                if self.problem is None:
-                    self.fault = error
+                self.fault = error
         if self.problem is None:
             assert self.fault is not None
             raise self.fault
@@ -81,6 +94,7 @@ def execute(spec: RunSpec, world: World, *, illustrate: bool = False) -> RunReco
         problem, twins = world.enter(spec)
         if illustrate:
             picture = {name: np.asarray(array) for name, array in problem.illustration().items()}
+        world.warm_up(spec, problem)
         algorithm = registry.make_solver(spec.solver, **spec.settings)
         solution = solve(problem, algorithm, budget=spec.budget, seed=spec.seed)
         if solution.status == "interrupted":

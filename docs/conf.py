@@ -37,4 +37,3 @@ autosummary_generate = True
 autosummary_ignore_module_all = True  # for the lists of modules only: `automodule` keeps to `__all__`
 numpydoc_show_class_members = False
 numpydoc_xref_param_type = False
-

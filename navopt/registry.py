@@ -38,6 +38,7 @@ __all__ = [
 CAPABILITIES = {
     "residuals": "whitened residuals and their Jacobian",
     "prior": "a prior mean and covariance",
+    "bound": "a Cramér–Rao bound",
     "track": "an inertial track measured over a field map (GravityMatching)",
     "similarity": "a translation, rotation and scale of a track (GravityMatching)",
 }
@@ -219,7 +220,7 @@ def solver_info(name: str) -> SolverInfo:
 
 def problem_info(name: str) -> ProblemInfo:
     """Return what the problem registered as `name` declares."""
-    info: ProblemInfo = problem_class(name).problem_info  # type: ignore[attr-defined]
+    info: ProblemInfo = problem_class(name).problem_info
     return info
 
 

@@ -104,6 +104,9 @@ class Solution:
     def load(cls, path: str | Path) -> Solution:
         """Read what `save` wrote; nothing in the files is executed.
 
+        An estimate or a fitted object of a class from outside this distribution comes back as None: a
+        file must not choose what is imported. ``problem.estimate(solution.x)`` makes it anew.
+
         Parameters
         ----------
         path : path-like

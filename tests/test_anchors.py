@@ -44,10 +44,11 @@ def box(n, function=rosenbrock):
     return Function(function, [-2.0] * n, [3.0] * n)
 
 
-def batches(algorithm, problem, seed, count):
+def batches(algorithm, problem, seed, count, evaluations=10**9):
+    """So many batches of ask and tell, or until so many evaluations."""
     algorithm.setup(problem, seed=seed)
     result = []
-    for _ in range(count):
+    while len(result) < count and algorithm.evaluator.n_eval < evaluations:
         pop = algorithm.ask()
         algorithm.evaluator.eval(problem, pop)
         result.append((pop.get("X").copy(), pop.get("F")[:, 0].copy()))
@@ -125,28 +126,26 @@ def trials_and_parents(F, CR, n=4, pop_size=8, seed=2, **settings):
     return parents, trials
 
 
-def is_difference(donor, parents, target, F, atol=1e-9):
-    """Whether a donor is a + F (b - c) of three distinct parents other than the target."""
-    others = [k for k in range(len(parents)) if k != target]
-    A = parents[others]
-    D = (A[None, :, None, :] - A[None, None, :, :]) * F + A[:, None, None, :]
-    hit = np.isclose(D, donor, atol=atol).all(axis=-1)
-    a, b, c = np.nonzero(hit)
-    return bool(((a != b) & (a != c) & (b != c)).any())
+def is_difference(donor, parents, F):
+    """Whether a donor is a + F (b - c) of three parents."""
+    D = (parents[None, :, None, :] - parents[None, None, :, :]) * F + parents[:, None, None, :]
+    return bool(np.isclose(D, donor, atol=1e-12).all(axis=-1).any())
 
 
-@pytest.mark.parametrize("F", [0.1, 0.25])
+@pytest.mark.parametrize("F", [0.02, 0.05])
 def test_the_differential_weight_reaches_the_operator(F):
-    hits = {factor: 0 for factor in (0.1, 0.25, 0.5)}
+    hits = dict.fromkeys((0.02, 0.05, 0.5), 0)
     total = 0
     for seed in range(6):
         parents, trials = trials_and_parents(F, 1.0, seed=seed)
-        total += len(trials)
-        for k, trial in enumerate(trials):
+        moved = [trial for trial in trials if not (trial == parents).all(axis=1).any()]
+        total += len(moved)
+        for trial in moved:
             for factor in hits:
-                hits[factor] += is_difference(trial, parents, k, factor)
-    # some donors leave the box and are repaired, and pymoo may mutate a few
-    assert hits[F] > 0.6 * total
+                hits[factor] += is_difference(trial, parents, factor)
+    # some donors leave the box and are repaired
+    assert total > 40
+    assert hits[F] > 0.75 * total
     assert all(count == 0 for factor, count in hits.items() if factor != F)
 
 
@@ -160,22 +159,20 @@ def test_the_crossover_rate_reaches_the_operator(CR):
     # binomial crossover with at least one coordinate from the donor
     expected = (np.arange(n + 1) * stats.binom(n, CR).pmf(np.arange(n + 1))).sum() + (1 - CR) ** n
     assert changed.min() >= 1
-    # a mutation after it, if any, adds at most about one coordinate to one trial in ten
+    # a mutation after it, if there is any, adds about one coordinate to one trial in ten
     error = 4 * np.sqrt(n * max(CR * (1 - CR), 0.01) / len(changed))
     assert expected - error < changed.mean() < expected + error + 0.13
 
 
 def test_de_is_differential_evolution_and_nothing_else():
-    """Every trial of DE/rand/1/bin with CR = 1 that stays in the box is a + F (b - c), Storn and Price 1997."""
+    """Every trial of DE/rand/1/bin with CR = 1 inside the box is a + F (b - c) (Storn and Price 1997)."""
     total, exact = 0, 0
-    for seed in range(10):
-        # so small a weight that hardly any donor leaves the box
-        parents, trials = trials_and_parents(0.01, 1.0, n=4, pop_size=8, seed=seed)
-        for k, trial in enumerate(trials):
-            total += 1
-            exact += is_difference(trial, parents, k, 0.01)
-    # a donor beside the wall may be repaired: one or two of eighty
-    assert exact >= 0.96 * total
+    for seed in range(20):
+        # so small a weight that hardly any donor leaves the box and is repaired
+        parents, trials = trials_and_parents(0.005, 1.0, seed=seed)
+        total += len(trials)
+        exact += sum(is_difference(trial, parents, 0.005) for trial in trials)
+    assert exact >= 0.97 * total, f"{total - exact} of {total} trials are something else"
 
 
 @pytest.mark.parametrize(
@@ -188,7 +185,7 @@ def test_de_refuses_settings_that_mean_nothing(settings):
 
 @pytest.mark.parametrize(
     "settings",
-    [{"initial_velocity": "fast"}, {"max_velocity_rate": 0.0}, {"w": np.nan}, {"pop_size": 1}],
+    [{"initial_velocity": "fast"}, {"max_velocity_rate": 0.0}, {"pop_size": 1}],
 )
 def test_pso_refuses_settings_that_mean_nothing(settings):
     with pytest.raises(NavoptError, match=next(iter(settings))):
@@ -210,7 +207,7 @@ def test_two_solvers_do_not_share_operators():
 def test_cmaes_is_the_cma_package_with_our_generator():
     """The same random numbers through `cma` directly, batch by batch, over several restarts."""
     problem = Function(rosenbrock, [-2.0, -1.0, 0.0], [3.0, 4.0, 2.0])
-    ours = batches(CMAES(sigma=0.2, pop_size=6), problem, 5, 400)
+    ours = batches(CMAES(sigma=0.2, pop_size=6), problem, 5, 1000, 6000)
     rng = np.random.default_rng(5)
     strategy, restarts = None, -1
     for X, F in ours:
@@ -244,16 +241,16 @@ def test_cmaes_default_population():
 
 @pytest.mark.parametrize("n", [1, 2, 4])
 def test_cmaes_leaves_the_global_generators_alone(n):
-    np.random.seed(123)
+    np.random.seed(123)  # noqa: NPY002
     random.seed(123)
-    before, plain = np.random.get_state(), random.getstate()
+    before, plain = np.random.get_state(), random.getstate()  # noqa: NPY002
     first = solve(box(n, lambda X: np.sum((X - 0.7) ** 2, axis=1)), "cmaes", budget=900, seed=4)
-    after = np.random.get_state()
+    after = np.random.get_state()  # noqa: NPY002
     assert before[0] == after[0]
     np.testing.assert_array_equal(before[1], after[1])
     assert before[2:] == after[2:]
     assert random.getstate() == plain
-    np.random.seed(99)
+    np.random.seed(99)  # noqa: NPY002
     again = solve(box(n, lambda X: np.sum((X - 0.7) ** 2, axis=1)), "cmaes", budget=900, seed=4)
     np.testing.assert_array_equal(first.x, again.x)
 
@@ -275,7 +272,7 @@ def test_cmaes_restarts_with_a_larger_population_from_another_point():
     problem = Sphere([1.0, -2.0, 3.0])
     algorithm = CMAES(pop_size=5, growth=3)
     sizes, means = [], []
-    for X, _ in batches(algorithm, problem, 2, 500):
+    for X, _ in batches(algorithm, problem, 2, 1000, 4000):
         if not sizes or len(X) != sizes[-1]:
             sizes.append(len(X))
             means.append(X.mean(axis=0))
@@ -309,7 +306,7 @@ def test_cmaes_survives_losses_that_are_partly_or_wholly_infinite():
 def test_a_region_without_losses_does_not_make_the_population_explode():
     """Restarts because nothing could be evaluated are not the restarts of a converged search."""
     mostly = box(2, lambda X: np.where(np.hypot(*(X - 1.0).T) > 0.35, np.inf, rosenbrock(X)))
-    sizes = [len(X) for X, _ in batches(CMAES(), mostly, 1, 12)]
+    sizes = [len(X) for X, _ in batches(CMAES(), mostly, 1, 12, 2000)]
     assert max(sizes) <= 4 * sizes[0]
 
 

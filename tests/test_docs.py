@@ -18,9 +18,10 @@ PAGES = [
     ROOT / "README.md",
     *(page for page in sorted((ROOT / "docs").rglob("*.md")) if "_build" not in page.parts),
 ]
-FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE | doctest.IGNORE_EXCEPTION_DETAIL
+FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 FENCE = re.compile(
-    r"^(?:<!-- file: (?P<file>[\w.-]+) -->\n)?```(?P<language>\w+)\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL
+    r"^(?:<!-- file: (?P<file>[\w.-]+) -->\n)?```(?P<language>\w+)\n(?P<code>.*?)^```$",
+    re.MULTILINE | re.DOTALL,
 )
 
 
@@ -94,8 +95,15 @@ def test_relative_links_lead_somewhere() -> None:
     assert not missing
 
 
-def test_every_solver_and_problem_is_described() -> None:
+def test_every_solver_and_its_options_are_described() -> None:
     import navopt
 
-    solvers = (ROOT / "docs" / "solvers.md").read_text(encoding="utf-8")
-    assert not [name for name in navopt.list_solvers() if f"`{name}`" not in solvers.partition("## Swarm")[2]]
+    page = (ROOT / "docs" / "solvers.md").read_text(encoding="utf-8").partition("## Swarm algorithms")[2]
+    missing = []
+    for name in navopt.list_solvers():
+        # an entry begins with the name at the start of a line and ends with a blank line
+        entry = re.search(rf"^`{name}`.*?(?=\n\n|\Z)", page, re.MULTILINE | re.DOTALL)
+        options = getattr(navopt.make_solver(name), "settings", {})
+        missing += [f"{name}: {key}" for key in options if not entry or f"`{key}`" not in entry[0]]
+        missing += [] if entry else [name]
+    assert not missing

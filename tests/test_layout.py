@@ -40,7 +40,8 @@ def imported_packages(path: Path) -> set[str]:
             found |= {alias.name.partition(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             # a relative import cannot leave the package it is in
-            found.add((node.module or "").partition(".")[0] if node.level == 0 else module_name(path).split(".")[0])
+            if node.level == 0:
+                found.add(str(node.module).partition(".")[0])
         elif isinstance(node, ast.Call) and node.args:
             called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
             first = node.args[0]
@@ -119,7 +120,8 @@ def undocumented(module: ModuleType) -> list[str]:
             missing.append(name)
         if inspect.isclass(item):
             for member, value in vars(item).items():
-                if member.startswith("_") or not (callable(value) or isinstance(value, property | classmethod)):
+                documentable = callable(value) or isinstance(value, property | classmethod)
+                if member.startswith("_") or not documentable:
                     continue
                 if not (getattr(value, "__doc__", "") or "").strip():
                     missing.append(f"{name}.{member}")

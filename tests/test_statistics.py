@@ -6,6 +6,8 @@ import itertools
 import numpy as np
 import pandas as pd
 import pytest
+from rich.console import Console
+
 from comparisons.statistics import (
     compare_with_best,
     holm,
@@ -20,7 +22,6 @@ from comparisons.statistics import (
 )
 from comparisons.study import SolverEntry, Study, Success
 from navopt.errors import InvalidInput, UnknownName
-from rich.console import Console
 
 
 def make_study(*labels, worlds=8, seeds=(1,), **changes):
@@ -40,7 +41,7 @@ def make_study(*labels, worlds=8, seeds=(1,), **changes):
 
 
 def make_runs(errors, *, scenario="calm", seeds=(1,)):
-    """Runs of {solver: errors by world (and seed)}; a negative error stands for a failed run, None for no run."""
+    """Runs of {solver: errors by world (and seed)}; a negative error is a failed run, None no run."""
     rows = []
     for solver, values in errors.items():
         grid = np.array(values, dtype=object).reshape(-1, len(seeds))
@@ -118,18 +119,34 @@ def test_summary_of_a_plain_sample():
 
 
 def test_summary_counts_failures_as_worst_and_keeps_mean_finite():
-    described = summarize([1.0, 2.0, 3.0, np.nan, np.inf])
-    assert (described["n"], described["failures"]) == (5, 2)
-    assert described["median"] == 3
+    described = summarize([1.0, 2.0, 3.0, 4.0, np.nan, np.inf, np.inf])
+    assert (described["n"], described["failures"]) == (7, 3)
+    assert described["median"] == 4
     assert described["q75"] == np.inf
     assert described["maximum"] == np.inf
-    assert described["mean"] == 2
+    assert described["mean"] == 2.5
     assert described["median_high"] == np.inf
     none = summarize([np.inf, np.inf])
     assert none["median"] == np.inf
     assert np.isnan(none["mean"])
     assert np.isnan(none["iqr"])
     assert np.isnan(summarize([])["median"])
+
+
+def test_bootstrap_draws_worlds_not_runs():
+    rng = np.random.default_rng(4)
+    centres = rng.normal(size=12)
+    once = summarize(centres)
+    # the same worlds seen five times over tell nothing new
+    often = summarize(np.repeat(centres, 5), worlds=np.repeat(np.arange(12), 5))
+    assert often["median_low"] == pytest.approx(once["median_low"], abs=0.2)
+    naive = summarize(np.repeat(centres, 5))
+    width = [s["median_high"] - s["median_low"] for s in (once, often, naive)]
+    assert width[1] > 0.8 * width[0]
+    assert width[2] < width[1]
+    assert np.isnan(summarize(centres[:5])["median_low"])
+    with pytest.raises(InvalidInput, match="worlds"):
+        summarize(centres, worlds=[1, 2])
 
 
 def test_bootstrap_covers_the_median():
@@ -201,13 +218,17 @@ def test_intervals_count_worlds_not_runs():
     runs = make_runs({"a": errors}, seeds=(1, 2, 3, 4, 5))
     table = ranked_table(runs, make_study("a", seeds=(1, 2, 3, 4, 5)))
     assert table.loc[0, "p[within 1.5 km]"] == 0.5
-    assert (table.loc[0, "p_low[within 1.5 km]"], table.loc[0, "p_high[within 1.5 km]"]) == wilson_interval(4, 8)
+    assert (table.loc[0, "p_low[within 1.5 km]"], table.loc[0, "p_high[within 1.5 km]"]) == wilson_interval(
+        4, 8
+    )
 
 
 def test_tie_marks_follow_the_corrected_test():
     rng = np.random.default_rng(5)
     base = rng.uniform(1e3, 2e3, 20)
-    runs = make_runs({"good": base, "same": base + rng.normal(1, 50, 20), "bad": base + 400})
+    runs = make_runs(
+        {"good": base, "same": base + np.resize([40, -41], 20) * np.linspace(0.5, 1, 20), "bad": base + 400}
+    )
     table = ranked_table(runs, make_study("bad", "good", "same", worlds=20)).set_index("solver")
     best = table["best"].idxmax()
     assert best in ("good", "same")
@@ -263,7 +284,9 @@ def test_rank_by_loss_and_held_out_scores():
 
 
 def test_labels_used_twice_are_told_apart():
-    study = make_study("a", success=(Success("error_m", (1,), ("near",)), Success("other_m", (2,), ("near",))))
+    study = make_study(
+        "a", success=(Success("error_m", (1,), ("near",)), Success("other_m", (2,), ("near",)))
+    )
     assert [label for label, _, _ in success_columns(study)] == ["near (error_m)", "near (other_m)"]
 
 
@@ -286,6 +309,6 @@ def test_printed_table_fits_and_carries_units_marks_and_notes(width):
     print_ranked(Results(make_study(*labels), make_runs(errors)), Console(file=output, width=width))
     text = output.getvalue()
     assert max(map(len, text.splitlines())) <= min(width, 110)
-    for expected in ("km", "1.00 [1.00, 1.00]", "within 1.5", "≈", "failed", "Holm", "Wilson", "[red]"):
+    for expected in ("km", "1.00 [1.00–1.00]", "within 1.5", "≈", "failed", "Holm", "Wilson", "[red]"):
         assert expected in text
     assert ("mean" in text.split("Ranked by")[0]) == (width > 80)

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from navopt.algorithms.pymoo_solvers import de as de
     from navopt.algorithms.pymoo_solvers import pso as pso
     from navopt.algorithms.random_search import RandomSearch as RandomSearch
+    from navopt.algorithms.swarm import ContractedAlgorithm as ContractedAlgorithm
     from navopt.algorithms.swarm import SwarmAlgorithm as SwarmAlgorithm
 
 __getattr__, __dir__, __all__ = lazy_names(
@@ -22,6 +23,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "AffineBeeColony": "navopt.algorithms.affine_bee_colony",
         "BeeColony": "navopt.algorithms.bee_colony",
         "CMAES": "navopt.algorithms.cmaes",
+        "ContractedAlgorithm": "navopt.algorithms.swarm",
         "NelderMead": "navopt.algorithms.nelder_mead",
         "RandomSearch": "navopt.algorithms.random_search",
         "SwarmAlgorithm": "navopt.algorithms.swarm",

@@ -36,12 +36,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InvalidInput, MissingExtra, UnknownName
+from navopt.errors import InvalidInput, MissingExtra, UnknownName
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["MAX_DEGREE", "WINDOW_DEG", "build_embedded", "free_air_anomaly"]
+__all__ = ["MAX_DEGREE", "WINDOW_DEG", "build_embedded", "free_air_anomaly", "main"]
 
 #: The highest degree in EGM2008.
 MAX_DEGREE = 2190

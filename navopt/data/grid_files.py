@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InvalidInput
+from navopt.errors import InvalidInput
 
 if TYPE_CHECKING:
     import xarray
@@ -163,7 +163,7 @@ def grid_of(dataset: xarray.Dataset, variable: str | None = None, *, unit: str |
         latitude, values = latitude[::-1], values[::-1]
     if longitude[0] > longitude[-1]:
         longitude, values = longitude[::-1], values[:, ::-1]
-    from ..models.field_map_checks import refuse_gaps
+    from navopt.models.field_map_checks import refuse_gaps
 
     factor, label = _unit(attributes.get("units"), unit)
     refuse_gaps(values, latitude, longitude)

@@ -15,10 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import InvalidInput
-from . import field_map_kernels as kernels
-from .field_map_checks import check_method, checked_grid, data_checksum, flat_points, spline_coefficients
-from .field_map_kernels import (
+from navopt.errors import InvalidInput
+from navopt.models import field_map_kernels as kernels
+from navopt.models.field_map_checks import (
+    check_method,
+    checked_grid,
+    data_checksum,
+    flat_points,
+    spline_coefficients,
+)
+from navopt.models.field_map_kernels import (
     bilinear_at,
     bilinear_gradient_at,
     bspline_at,
@@ -168,7 +174,7 @@ class FieldMap:
         InvalidInput
             A missing file, unknown units, cells without a value, uneven spacing; with the remedy.
         """
-        from ..data.grid_files import read_grid
+        from navopt.data.grid_files import read_grid
 
         lat, lon, values, label = read_grid(path, variable, unit=unit)
         shown = os.path.basename(os.fspath(path)) if name is None else name
@@ -183,7 +189,7 @@ class FieldMap:
         The result of :func:`navopt.data.egm2008.free_air_anomaly` is such a dataset. The options are
         ``name`` and ``method``, as for the constructor.
         """
-        from ..data.grid_files import grid_of
+        from navopt.data.grid_files import grid_of
 
         lat, lon, values, label = grid_of(dataset, variable, unit=unit)
         return cls.from_degrees(lat, lon, values, unit=label, **options)
@@ -350,7 +356,7 @@ class FieldMap:
 
     def to_netcdf(self, path: str | os.PathLike[str]) -> None:
         """Write the map as CF NetCDF-4: ``z``, ``lat`` and ``lon`` (degrees), lossless, replacing a file."""
-        from ..data.grid_files import write_grid
+        from navopt.data.grid_files import write_grid
 
         lat, lon = np.rad2deg(self.latitude), np.rad2deg(self.longitude)
         write_grid(path, lat, lon, self.values, unit=self.unit, name=self.name)
@@ -391,7 +397,7 @@ def _rebuild(axes_and_values: tuple[Any, Any, Any], options: dict[str, str]) -> 
 
 @functools.cache
 def _embedded(degree: int, method: str) -> FieldMap:
-    from ..data.grid_files import embedded_path, read_grid
+    from navopt.data.grid_files import embedded_path, read_grid
 
     lat, lon, values, unit = read_grid(embedded_path(degree))
     made = FieldMap.from_degrees(lat, lon, values, unit=unit, name=f"EGM2008 d{degree}", method=method)

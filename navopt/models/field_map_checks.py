@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import InvalidInput, UnknownName
+from navopt.errors import InvalidInput, UnknownName
 
 __all__ = [
     "check_method",

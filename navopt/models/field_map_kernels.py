@@ -19,9 +19,14 @@ __all__ = [
     "EDGE",
     "bilinear_at",
     "bilinear_gradient_at",
+    "bilinear_gradient_many",
+    "bilinear_many",
     "bspline_at",
     "bspline_gradient_at",
+    "bspline_gradient_many",
+    "bspline_many",
     "fractional_index",
+    "inside_many",
 ]
 
 #: How far outside the grid, in cells, still counts as on its last line: room for the rounding of a

@@ -118,7 +118,8 @@ class GravityMatching(EstimationProblem):
         self.window, self.criterion = int(window), criterion
         self.method = method or field_map.method
         last = slice(len(track) - self.window, None)
-        latitude, longitude = track.latitude[last], track.longitude[last]
+        # a track may be written across the date line: its mean must not be on the far side of the Earth
+        latitude, longitude = track.latitude[last], np.unwrap(track.longitude[last])
         _check_coverage(field_map, latitude, longitude)
         # on the tangent plane at the mean position the sequence's centroid is the origin exactly
         self.origin = float(latitude.mean()), float(longitude.mean())
