@@ -15,6 +15,8 @@ from navopt.registry import solver
 __all__ = ["Tercom"]
 
 CRITERIA = {"mad": kernels.MAD, "msd": kernels.MSD, "correlation": kernels.CORRELATION}
+#: The problem's losses that are the same thing as a criterion here.
+LOSSES = {"mad": "mad", "msd": "mean-square"}
 #: Grid of paper 003's map, 0.3′ in metres: the step of the search unless a budget asks for a wider one.
 STEP_M = 0.3 * 1852.0
 #: Proposals evaluated with the problem's loss after the search: the grid's best and its refinement.
@@ -56,8 +58,8 @@ class Tercom(Baseline):
 
     Notes
     -----
-    Looks the map up bilinearly whatever the problem's loss does. With ``correlation`` only the
-    refined winner is proposed, since the loss must not choose between winners of another criterion.
+    Looks the map up bilinearly whatever the problem's loss does. Where the criterion is not the problem's
+    loss, only the refined winner is proposed: another loss must not choose.
     """
 
     def __init__(
@@ -87,7 +89,15 @@ class Tercom(Baseline):
         angles = _including(0.0, problem.xl[2], problem.xu[2], self.rotations)
         lengths = _including(1.0, problem.xl[3], problem.xu[3], self.scales)
         north, east = self._translations(len(angles) * len(lengths))
-        self.evaluator.charge(len(north) * len(east) * len(angles) * len(lengths))
+        hypotheses = len(north) * len(east) * len(angles) * len(lengths)
+        if hypotheses + 1 > self.evaluator.remaining:
+            raise InvalidInput(
+                "budget",
+                self.evaluator.budget,
+                f"{len(angles) * len(lengths)} poses on {len(north)} × {len(east)} shifts cost "
+                f"{hypotheses + PROPOSALS}; widen step_m or leave it out, or try fewer rotations or scales",
+            )
+        self.evaluator.charge(hypotheses)
         best: tuple[float, np.ndarray, np.ndarray, tuple[int, int]] | None = None
         for angle in angles:
             for length in lengths:
@@ -101,9 +111,10 @@ class Tercom(Baseline):
         if not self.refine:
             return node[None]
         refined = node.copy()
-        refined[0] += _vertex(surface[:, place[1]], place[0]) * (north[1] - north[0])
-        refined[1] += _vertex(surface[place[0]], place[1]) * (east[1] - east[0])
-        return refined[None] if self.criterion == "correlation" else np.stack([node, refined])
+        refined[:2] += _vertex(surface, *place) * [north[1] - north[0], east[1] - east[0]]
+        # a loss of another kind must not choose between the winner's grid node and its refinement
+        same = not self.remove_mean and LOSSES.get(self.criterion) == problem.criterion
+        return np.stack([node, refined]) if same else refined[None]
 
     def surface(
         self, north: np.ndarray, east: np.ndarray, angle: float = 0.0, scale: float = 1.0
@@ -113,12 +124,14 @@ class Tercom(Baseline):
         values, lat0, lon0, dlat, dlon = problem.field_map.grid
         moved = problem.estimate(np.array([0.0, 0.0, angle, scale]))
         rows = (moved.latitude - lat0) / dlat
+        if abs(dlon * (values.shape[1] - 1) - 2.0 * np.pi) < 0.5 * dlon:
+            # a map around the Earth is cut opposite the track, which may then cross its seam
+            cut = round((moved.longitude.mean() - np.pi - lon0) / dlon) % (values.shape[1] - 1)
+            values = np.concatenate([values[:, cut:-1], values[:, : cut + 1]], axis=1)
+            lon0 += cut * dlon
+        middle = lon0 + 0.5 * dlon * (values.shape[1] - 1)
         # the same turn as the map's, whatever the sign convention of the track's longitudes
-        turn = (
-            2.0
-            * np.pi
-            * np.round((moved.longitude.mean() - problem.field_map.longitude.mean()) / (2 * np.pi))
-        )
+        turn = 2.0 * np.pi * np.round((moved.longitude.mean() - middle) / (2 * np.pi))
         columns = (moved.longitude - turn - lon0) / dlon
         meridian, parallel = problem.metres_per_radian
         out = np.empty((len(north), len(east)))
@@ -177,7 +190,26 @@ def _counts(lower: np.ndarray, upper: np.ndarray, step: float) -> np.ndarray:
     return np.maximum(2 * np.floor((upper - lower) / (2.0 * step)).astype(int) + 1, 3)
 
 
-def _vertex(values: np.ndarray, k: int) -> float:
+def _vertex(surface: np.ndarray, a: int, b: int) -> np.ndarray:
+    """Minimum of the quadratic fitted to the 3 × 3 neighbourhood of a node, in steps from it, shape (2,).
+
+    Where the neighbourhood is cut by the border, or the fit has no minimum nearby, each axis on its own.
+    """
+    inner = 0 < a < surface.shape[0] - 1 and 0 < b < surface.shape[1] - 1
+    if inner and np.isfinite(surface[a - 1 : a + 2, b - 1 : b + 2]).all():
+        p = surface[a - 1 : a + 2, b - 1 : b + 2]
+        slope = np.array([p[2].sum() - p[0].sum(), p[:, 2].sum() - p[:, 0].sum()]) / 6.0
+        north = (p[2] - 2.0 * p[1] + p[0]).sum() / 3.0
+        east = (p[:, 2] - 2.0 * p[:, 1] + p[:, 0]).sum() / 3.0
+        mixed = (p[2, 2] - p[2, 0] - p[0, 2] + p[0, 0]) / 4.0
+        if north > 0.0 and north * east > mixed * mixed:
+            step = -np.linalg.solve([[north, mixed], [mixed, east]], slope)
+            if np.abs(step).max() <= 1.0:
+                return step
+    return np.array([_parabola(surface[:, b], a), _parabola(surface[a], b)])
+
+
+def _parabola(values: np.ndarray, k: int) -> float:
     """Minimum of the parabola through three neighbours, in steps from the middle one."""
     if k in (0, len(values) - 1):
         return 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -74,6 +74,14 @@ class Parameter:
             raise InvalidInput(f"nominal of {self.name}", self.nominal, "give a value inside the box")
 
 
+def _protect(values: dict[str, Any], depth: int) -> None:
+    for value in values.values():
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+        elif depth and is_dataclass(value) and not isinstance(value, type):
+            _protect(vars(value), depth - 1)
+
+
 class EstimationProblem(Problem):
     """Base of all problems: box-bounded, single-objective, vectorised, immutable.
 
@@ -139,6 +147,11 @@ class EstimationProblem(Problem):
 
     def __copy__(self) -> Self:
         return self
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # a pickle does not carry the write protection of arrays
+        self.__dict__.update(state)
+        _protect(state, depth=3)
 
     # -- the box ---------------------------------------------------------------------------------
     @property
@@ -212,12 +225,12 @@ class EstimationProblem(Problem):
 
     # -- from decision vectors to physics and back ------------------------------------------------
     def estimate(self, x: np.ndarray) -> Any:
-        """Physical answer that a decision vector stands for, a frozen dataclass."""
-        raise NotImplementedError
+        """Physical answer that a decision vector stands for, a frozen dataclass; else the vector itself."""
+        return np.array(x, dtype=float)
 
     def project(self, estimate: Any) -> np.ndarray:
         """Nearest decision vector inside the box, shape (n_var,)."""
-        raise NotImplementedError
+        return self.clip(estimate)
 
     def score(self, estimate: Any) -> dict[str, float]:
         """Errors of an estimate against the truth; every key names its unit.

@@ -94,7 +94,7 @@ class BeeColony(SwarmAlgorithm):
     def found(self, constants: Arrays, candidates: np.ndarray, losses: np.ndarray) -> Arrays:
         """State after the first population: positions, losses, and no failures yet."""
         state = super().found(constants, candidates, losses)
-        return {**state, "trials": np.zeros(losses.shape, dtype=np.int64)}
+        return {**state, "trials": np.zeros(losses.shape, dtype=np.int64), "visited": losses}
 
     def move(self, state: Arrays, draws: Arrays, phase: str) -> tuple[np.ndarray, np.ndarray]:
         """Candidates of a phase, one per bee, and the bees that fly."""
@@ -123,7 +123,8 @@ class BeeColony(SwarmAlgorithm):
 
     def _choose(self, state: Arrays, draws: Arrays, phase: str) -> np.ndarray:
         """Source of each bee, shape (..., n): an employed bee's own, an onlooker's by roulette."""
-        F = state["F"]
+        # the roulette is set up once, when the employed bees are back, also for update="sequential"
+        F = state["visited"]
         if phase == "employed":
             return np.broadcast_to(np.arange(F.shape[-1]), F.shape)
         with np.errstate(invalid="ignore"):
@@ -172,9 +173,11 @@ class BeeColony(SwarmAlgorithm):
         best_loss = np.take_along_axis(offered, best[..., None], axis=-1)[..., 0]
         better = best_loss < state["F"]
         winner = np.take_along_axis(candidates, best[..., None], axis=-2)
+        F = np.where(better, best_loss, state["F"])
         return {
             **state,
             "X": np.where(better[..., None], winner, state["X"]),
-            "F": np.where(better, best_loss, state["F"]),
+            "F": F,
+            "visited": F if phase == "employed" else state["visited"],
             "trials": np.where(better, 0, state["trials"] + visits.sum(axis=-1)),
         }

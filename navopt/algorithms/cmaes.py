@@ -60,6 +60,7 @@ class CMAES(ContractedAlgorithm):
         self.sigma = sigma
         self.growth = at_least("growth", growth, 1)
         self.restarts = -1
+        self.converged = 0
         self._strategy: Any = None
 
     def _initialize_infill(self) -> Population:
@@ -70,7 +71,7 @@ class CMAES(ContractedAlgorithm):
 
         self.restarts += 1
         d = self.problem.n_var
-        size = (self.pop_size or 4 + int(3 * np.log(d))) * self.growth**self.restarts
+        size = (self.pop_size or 4 + int(3 * np.log(d))) * self.growth**self.converged
         self._strategy = cma.CMAEvolutionStrategy(
             self.random_state.random(d),
             self.sigma,
@@ -82,6 +83,8 @@ class CMAES(ContractedAlgorithm):
                 "verbose": -9,
                 "verb_log": 0,
                 "verb_disp": 0,
+                # in one dimension cma 4.5 fails when it wants to limit the standard deviation
+                **({"maxstd": np.inf} if d == 1 else {}),
             },
         )
 
@@ -105,4 +108,5 @@ class CMAES(ContractedAlgorithm):
         # only the order matters to the update, but infinities would spoil the stopping statistics
         self._strategy.tell(self._asked, np.where(finite, losses, losses[finite].max() + 1.0).tolist())
         if self._strategy.stop():
+            self.converged += 1
             self._strategy = None

@@ -64,9 +64,10 @@ class NelderMead(ContractedAlgorithm):
         self.restarts += 1
         origin = self.random_state.uniform(lower, upper)
         if self.start is not None and self.restarts == 0:
-            origin = np.clip(np.asarray(self.start, dtype=float), lower, upper)
-            if origin.shape != lower.shape:
+            given = np.asarray(self.start, dtype=float)
+            if given.shape != lower.shape or np.isnan(given).any():
                 raise InvalidInput("start", self.start, f"give {len(lower)} coordinates")
+            origin = np.clip(given, lower, upper)
         edges = self.size * (upper - lower)
         # grow towards the far side of the box, so that clipping never flattens the simplex
         edges = np.where(origin + edges > upper, -edges, edges)

@@ -141,6 +141,7 @@ class SwarmAlgorithm(ContractedAlgorithm):
         self.state: Arrays = {}
         self.draws: Arrays = {}
         self.step = 0
+        self.planned = False
         self.mask = np.ones(0, dtype=bool)
 
     # -- what a subclass defines -----------------------------------------------------------------
@@ -213,19 +214,25 @@ class SwarmAlgorithm(ContractedAlgorithm):
         return steps
 
     def _infill(self) -> Population:
-        steps = self._steps
+        while not self.planned:
+            self.draws = self.draw(self.random_state, self.pop_size, self.problem.n_var)
+            self._plan()
+        return Population.new(X=self.candidates[self.mask])
+
+    def _plan(self) -> None:
+        """Go to the next step in which anybody moves, or to the end of the cycle."""
         while True:
-            if self.step == 0:
-                self.draws = self.draw(self.random_state, self.pop_size, self.problem.n_var)
-            phase, only = steps[self.step]
-            candidates, mask = self.move(self.state, self.draws, phase)
+            phase, only = self._steps[self.step]
+            self.candidates, self.mask = self.move(self.state, self.draws, phase)
             if only is not None:
-                mask = mask & (np.arange(self.pop_size) == only)
-            if mask.any():
-                self.candidates, self.mask = candidates, mask
-                return Population.new(X=candidates[mask])
+                self.mask = self.mask & (np.arange(self.pop_size) == only)
+            self.planned = bool(self.mask.any())
+            if self.planned:
+                return
             # nobody moves in this phase (most cycles need no scout): spend no iteration on it
             self._next_step()
+            if self.step == 0:
+                return
 
     def _next_step(self) -> None:
         self.step += 1
@@ -240,4 +247,7 @@ class SwarmAlgorithm(ContractedAlgorithm):
         self.candidates[self.mask] = infills.get("X")  # type: ignore[union-attr]
         phase = self._steps[self.step][0]
         self.state = self.select(self.state, self.draws, phase, self.candidates, losses, self.mask)
+        self.planned = False
         self._next_step()
+        if self.step:
+            self._plan()

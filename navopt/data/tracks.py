@@ -124,7 +124,10 @@ def read_track_csv(
     file = Path(path)
     if not file.is_file():
         raise InvalidInput("path", str(path), "give an existing CSV file")
-    table = pd.read_csv(file)
+    try:
+        table = pd.read_csv(file)
+    except pd.errors.EmptyDataError:
+        raise InvalidInput("path", str(path), "the file is empty") from None
     wanted = {
         "time": time,
         "latitude": latitude,
@@ -138,11 +141,13 @@ def read_track_csv(
         if column not in table.columns:
             raise UnknownName(f"column for {name} in {file.name}", column, map(str, table.columns))
     table = table[table[measured].notna()]
+    if table.empty:
+        raise InvalidInput(f"column {measured}", "no value", "give a column with at least one measured value")
     arrays: dict[str, ArrayLike] = {}
     for name, column in columns.items():
         series = table[column]
         if name == "time" and not pd.api.types.is_numeric_dtype(series):
-            stamps = pd.to_datetime(series, utc=True, errors="coerce")
+            stamps = pd.to_datetime(series, utc=True, format="ISO8601", errors="coerce")
             if stamps.isna().any():
                 raise InvalidInput(f"column {column}", "unreadable times", "give seconds or ISO dates")
             arrays[name] = (stamps - stamps.iloc[0]).dt.total_seconds().to_numpy()

@@ -11,6 +11,7 @@ from navopt.data.tracks import MeasuredTrack
 from navopt.errors import InvalidInput, UnknownName
 from navopt.models.earth import NAUTICAL_MILE, distance, local_tangent_plane, principal_radii, to_geodetic
 from navopt.models.field_map import FieldMap
+from navopt.models.field_map_checks import check_method
 from navopt.problem import EstimationProblem, Parameter
 from navopt.problems import gravity_kernels as kernels
 from navopt.registry import problem
@@ -116,7 +117,7 @@ class GravityMatching(EstimationProblem):
             raise InvalidInput("noise", noise, f"give a positive standard deviation in {field_map.unit}")
         self.field_map, self.track, self.noise = field_map, track, float(noise)
         self.window, self.criterion = int(window), criterion
-        self.method = method or field_map.method
+        self.method = check_method(method or field_map.method)
         last = slice(len(track) - self.window, None)
         # a track may be written across the date line: its mean must not be on the far side of the Earth
         latitude, longitude = track.latitude[last], np.unwrap(track.longitude[last])
@@ -157,6 +158,9 @@ class GravityMatching(EstimationProblem):
         variances = np.diag(covariance)
         if not (np.isfinite(variances).all() and (variances > 0).all()):
             raise InvalidInput(name, variances.tolist(), "every parameter needs a positive finite variance")
+        sigma = np.sqrt(variances)
+        if np.linalg.eigvalsh(covariance / np.outer(sigma, sigma))[0] <= 0:
+            raise InvalidInput(name, covariance.tolist(), "a covariance must be positive definite")
         return covariance
 
     def _make_parameters(self, box: Any, scale_limit: float | None) -> list[Parameter]:
@@ -177,6 +181,8 @@ class GravityMatching(EstimationProblem):
             limits = np.array(box, dtype=float)
             if limits.shape != (4, 2):
                 raise InvalidInput("box", limits.shape, "give lower and upper limits, shape (4, 2)")
+            if not limits[3, 0] > 0:
+                raise InvalidInput("box", limits[3].tolist(), "scales must be positive")
         names = (("north", "m"), ("east", "m"), ("rotation", "rad"), ("scale", "1"))
         return [
             Parameter(name, unit, float(low), float(high), float(np.clip(value, low, high)))
@@ -280,7 +286,8 @@ class GravityMatching(EstimationProblem):
         map_error : float or "degree-720", optional
             Error of the map matched against: a random field of this standard deviation (mGal) with a
             correlation length of 10 km, drawn afresh per world; or the map to degree 720 against a
-            degree-2190 truth.
+            degree-2190 truth. Its standard deviation over the whole map enters the declared noise as if
+            it were independent from sample to sample; it is not, so `error_bound` is optimistic then.
         ins : {"drawn", "published"}
             INS errors drawn from N(0, Table 1) for each world, or one fixed realisation with every
             source at plus one sigma, as the paper used.
@@ -337,6 +344,10 @@ class GravityMatching(EstimationProblem):
         margin = np.radians(0.4)
         area = self.field_map
         rows = _span(area.latitude, [v for k, v in tracks.items() if k.endswith("latitude")], margin)
+        # every longitude on the map's own turn
+        middle = float(area.longitude.mean())
+        for name in [k for k in tracks if k.endswith("longitude")]:
+            tracks[name] = tracks[name] - 2 * np.pi * np.round((tracks[name] - middle) / (2 * np.pi))
         columns = _span(area.longitude, [v for k, v in tracks.items() if k.endswith("longitude")], margin)
         return {
             **tracks,

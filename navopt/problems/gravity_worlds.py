@@ -56,6 +56,8 @@ def build_world(
         raise InvalidInput("hours", hours, "give a time in (0, 16]: the map ends where the voyage does")
     if ins not in ("drawn", "published"):
         raise UnknownName("ins", ins, ("drawn", "published"))
+    if isinstance(window, bool) or not isinstance(window, int | np.integer) or window < 3:
+        raise InvalidInput("window", window, "give a whole number of samples, at least 3")
     voyage = CruiseScenario(duration=round(hours * 3600.0))
     times = voyage.times(interval_s)
     if len(times) < window:
