@@ -8,7 +8,7 @@ import numpy as np
 
 from baselines import tercom_kernels as kernels
 from baselines.base import Baseline
-from navopt.algorithms.swarm import at_least, one_of
+from navopt.algorithms.options import at_least, one_of
 from navopt.errors import InvalidInput
 from navopt.registry import solver
 

@@ -232,8 +232,8 @@ def phase_of(algorithm):
     if not algorithm.state:
         return "initial"
     if algorithm.update == "synchronous":
-        return algorithm.phases[algorithm.step]
-    return algorithm.phases[algorithm.step // algorithm.pop_size]
+        return algorithm.phases[algorithm.stage]
+    return algorithm.phases[algorithm.stage // algorithm.pop_size]
 
 
 def drive(algorithm, problem, seed, cycles):

@@ -10,10 +10,18 @@ if TYPE_CHECKING:
     from navopt.algorithms.affine_bee_colony import AffineBeeColony as AffineBeeColony
     from navopt.algorithms.bee_colony import BeeColony as BeeColony
     from navopt.algorithms.cmaes import CMAES as CMAES
+    from navopt.algorithms.fish_swarm import FishSwarm as FishSwarm
+    from navopt.algorithms.fruit_fly import FruitFly as FruitFly
+    from navopt.algorithms.fruit_fly import FruitFly3D as FruitFly3D
+    from navopt.algorithms.fruit_fly import GaussianFruitFly as GaussianFruitFly
     from navopt.algorithms.nelder_mead import NelderMead as NelderMead
+    from navopt.algorithms.novel_fish_swarm import NovelFishSwarm as NovelFishSwarm
+    from navopt.algorithms.optimal_fish_swarm import OptimalFishSwarm as OptimalFishSwarm
+    from navopt.algorithms.perturbed_fruit_fly import PerturbedFruitFly as PerturbedFruitFly
     from navopt.algorithms.pymoo_solvers import de as de
     from navopt.algorithms.pymoo_solvers import pso as pso
     from navopt.algorithms.random_search import RandomSearch as RandomSearch
+    from navopt.algorithms.student_fruit_fly import StudentFruitFly as StudentFruitFly
     from navopt.algorithms.swarm import ContractedAlgorithm as ContractedAlgorithm
     from navopt.algorithms.swarm import SwarmAlgorithm as SwarmAlgorithm
 
@@ -24,8 +32,16 @@ __getattr__, __dir__, __all__ = lazy_names(
         "BeeColony": "navopt.algorithms.bee_colony",
         "CMAES": "navopt.algorithms.cmaes",
         "ContractedAlgorithm": "navopt.algorithms.swarm",
+        "FishSwarm": "navopt.algorithms.fish_swarm",
+        "FruitFly": "navopt.algorithms.fruit_fly",
+        "FruitFly3D": "navopt.algorithms.fruit_fly",
+        "GaussianFruitFly": "navopt.algorithms.fruit_fly",
         "NelderMead": "navopt.algorithms.nelder_mead",
+        "NovelFishSwarm": "navopt.algorithms.novel_fish_swarm",
+        "OptimalFishSwarm": "navopt.algorithms.optimal_fish_swarm",
+        "PerturbedFruitFly": "navopt.algorithms.perturbed_fruit_fly",
         "RandomSearch": "navopt.algorithms.random_search",
+        "StudentFruitFly": "navopt.algorithms.student_fruit_fly",
         "SwarmAlgorithm": "navopt.algorithms.swarm",
         "de": "navopt.algorithms.pymoo_solvers",
         "pso": "navopt.algorithms.pymoo_solvers",

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from navopt.algorithms.bee_colony import BeeColony
-from navopt.algorithms.swarm import Arrays, one_of
+from navopt.algorithms.options import one_of
+from navopt.algorithms.swarm import Arrays
 from navopt.registry import solver
 
 __all__ = ["AffineBeeColony"]

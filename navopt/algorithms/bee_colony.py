@@ -6,7 +6,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from navopt.algorithms.swarm import Arrays, SwarmAlgorithm, at_least, one_of
+from navopt.algorithms.options import at_least, one_of
+from navopt.algorithms.swarm import Arrays, SwarmAlgorithm
 from navopt.registry import solver
 
 __all__ = ["BeeColony"]

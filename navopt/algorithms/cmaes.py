@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from pymoo.core.population import Population
 
-from navopt.algorithms.swarm import ContractedAlgorithm, at_least
+from navopt.algorithms.options import at_least
+from navopt.algorithms.swarm import ContractedAlgorithm
 from navopt.errors import InvalidInput
 from navopt.registry import solver
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from pymoo.util.display.single import SingleObjectiveOutput
 
-from navopt.algorithms.swarm import at_least, one_of
+from navopt.algorithms.options import at_least, one_of
 from navopt.errors import InvalidInput
 from navopt.registry import solver
 

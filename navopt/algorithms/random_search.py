@@ -6,7 +6,8 @@ from typing import Any
 
 from pymoo.core.population import Population
 
-from navopt.algorithms.swarm import ContractedAlgorithm, at_least
+from navopt.algorithms.options import at_least
+from navopt.algorithms.swarm import ContractedAlgorithm
 from navopt.registry import solver
 
 __all__ = ["RandomSearch"]

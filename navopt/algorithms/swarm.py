@@ -24,10 +24,12 @@ from pymoo.core.algorithm import Algorithm
 from pymoo.core.population import Population
 from pymoo.util.display.single import SingleObjectiveOutput
 
-from navopt.errors import InvalidInput, UnknownName
+from navopt.algorithms.options import at_least, one_of
+from navopt.checks import check_problem
+from navopt.errors import UnknownName
 from navopt.evaluation import CountingEvaluator
 
-__all__ = ["SETUP_KEYS", "ContractedAlgorithm", "SwarmAlgorithm", "at_least", "one_of"]
+__all__ = ["SETUP_KEYS", "ContractedAlgorithm", "SwarmAlgorithm"]
 
 Arrays = dict[str, np.ndarray]
 
@@ -45,20 +47,6 @@ SETUP_KEYS = (
     "termination",
     "verbose",
 )
-
-
-def one_of(argument: str, value: Any, choices: tuple[Any, ...]) -> Any:
-    """`value` if it is among `choices`; otherwise an error that names them."""
-    if value not in choices:
-        raise UnknownName(argument, value, [str(choice) for choice in choices])
-    return value
-
-
-def at_least(argument: str, value: int, lowest: int) -> int:
-    """`value` if it is a whole number not below `lowest`; otherwise an error."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < lowest:
-        raise InvalidInput(argument, value, f"give a whole number, at least {lowest}")
-    return int(value)
 
 
 class ContractedAlgorithm(Algorithm):
@@ -83,6 +71,7 @@ class ContractedAlgorithm(Algorithm):
         for key in kwargs:
             if key not in SETUP_KEYS:
                 raise UnknownName(f"argument of {type(self).__name__}.setup", key, SETUP_KEYS)
+        check_problem(problem)
         if hasattr(self, "solver_info") and hasattr(problem, "provides"):
             self.solver_info.check(problem)
         return super().setup(problem, **kwargs)
@@ -140,7 +129,7 @@ class SwarmAlgorithm(ContractedAlgorithm):
         self.cycle = 0
         self.state: Arrays = {}
         self.draws: Arrays = {}
-        self.step = 0
+        self.stage = 0
         self.planned = False
         self.mask = np.ones(0, dtype=bool)
 
@@ -206,7 +195,8 @@ class SwarmAlgorithm(ContractedAlgorithm):
         self.state = self.found(self._start, infills.get("X"), infills.get("F")[:, 0])  # type: ignore[union-attr]
 
     @property
-    def _steps(self) -> list[tuple[str, int | None]]:
+    def batches(self) -> list[tuple[str, int | None]]:
+        """Phases of a cycle in order, with the one individual that moves where they move in turn."""
         steps: list[tuple[str, int | None]] = []
         for phase in self.phases:
             alone = self.update == "sequential" and phase not in self.together
@@ -222,7 +212,7 @@ class SwarmAlgorithm(ContractedAlgorithm):
     def _plan(self) -> None:
         """Go to the next step in which anybody moves, or to the end of the cycle."""
         while True:
-            phase, only = self._steps[self.step]
+            phase, only = self.batches[self.stage]
             self.candidates, self.mask = self.move(self.state, self.draws, phase)
             if only is not None:
                 self.mask = self.mask & (np.arange(self.pop_size) == only)
@@ -230,14 +220,14 @@ class SwarmAlgorithm(ContractedAlgorithm):
             if self.planned:
                 return
             # nobody moves in this phase (most cycles need no scout): spend no iteration on it
-            self._next_step()
-            if self.step == 0:
+            self._next_stage()
+            if self.stage == 0:
                 return
 
-    def _next_step(self) -> None:
-        self.step += 1
-        if self.step == len(self._steps):
-            self.step = 0
+    def _next_stage(self) -> None:
+        self.stage += 1
+        if self.stage == len(self.batches):
+            self.stage = 0
             self.cycle += 1
 
     def _advance(self, infills: Population | None = None, **kwargs: Any) -> None:
@@ -245,9 +235,9 @@ class SwarmAlgorithm(ContractedAlgorithm):
         losses[self.mask] = infills.get("F")[:, 0]  # type: ignore[union-attr]
         # what was evaluated is what comes back, should a user have changed it between ask and tell
         self.candidates[self.mask] = infills.get("X")  # type: ignore[union-attr]
-        phase = self._steps[self.step][0]
+        phase = self.batches[self.stage][0]
         self.state = self.select(self.state, self.draws, phase, self.candidates, losses, self.mask)
         self.planned = False
-        self._next_step()
-        if self.step:
+        self._next_stage()
+        if self.stage:
             self._plan()

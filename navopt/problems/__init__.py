@@ -7,17 +7,47 @@ from typing import TYPE_CHECKING
 from navopt.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from navopt.problems.analytic import Point as Point
+    from navopt.problems.analytic import Ackley as Ackley
+    from navopt.problems.analytic import Griewank as Griewank
+    from navopt.problems.analytic import HelicalValley as HelicalValley
+    from navopt.problems.analytic import Rastrigin as Rastrigin
+    from navopt.problems.analytic import Rosenbrock as Rosenbrock
     from navopt.problems.analytic import Sphere as Sphere
+    from navopt.problems.analytic import TestTubeHolder as TestTubeHolder
+    from navopt.problems.analytic import Wood as Wood
+    from navopt.problems.analytic import Zettl as Zettl
+    from navopt.problems.analytic_base import AnalyticFunction as AnalyticFunction
+    from navopt.problems.analytic_base import Point as Point
+    from navopt.problems.analytic_base import ScalableFunction as ScalableFunction
     from navopt.problems.gravity_matching import GravityMatching as GravityMatching
     from navopt.problems.gravity_matching import MatchedTrack as MatchedTrack
+    from navopt.problems.noisy import Noisy as Noisy
+    from navopt.problems.wrapper_base import Wrapper as Wrapper
+    from navopt.problems.wrappers import Rotated as Rotated
+    from navopt.problems.wrappers import Scaled as Scaled
+    from navopt.problems.wrappers import Shifted as Shifted
 
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
+        "Ackley": "navopt.problems.analytic",
+        "AnalyticFunction": "navopt.problems.analytic_base",
         "GravityMatching": "navopt.problems.gravity_matching",
+        "Griewank": "navopt.problems.analytic",
+        "HelicalValley": "navopt.problems.analytic",
         "MatchedTrack": "navopt.problems.gravity_matching",
-        "Point": "navopt.problems.analytic",
+        "Noisy": "navopt.problems.noisy",
+        "Point": "navopt.problems.analytic_base",
+        "Rastrigin": "navopt.problems.analytic",
+        "Rosenbrock": "navopt.problems.analytic",
+        "Rotated": "navopt.problems.wrappers",
+        "ScalableFunction": "navopt.problems.analytic_base",
+        "Scaled": "navopt.problems.wrappers",
+        "Shifted": "navopt.problems.wrappers",
         "Sphere": "navopt.problems.analytic",
+        "TestTubeHolder": "navopt.problems.analytic",
+        "Wood": "navopt.problems.analytic",
+        "Wrapper": "navopt.problems.wrapper_base",
+        "Zettl": "navopt.problems.analytic",
     },
 )
