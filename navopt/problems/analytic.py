@@ -21,7 +21,6 @@ __all__ = [
     "Ackley",
     "Griewank",
     "HelicalValley",
-    "Point",
     "Rastrigin",
     "Rosenbrock",
     "Sphere",
