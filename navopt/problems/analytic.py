@@ -14,7 +14,7 @@ import numpy as np
 
 from navopt.errors import InvalidInput, UnknownName
 from navopt.problem import EstimationProblem, stream
-from navopt.problems.analytic_base import AnalyticFunction, Point, ScalableFunction
+from navopt.problems.analytic_base import AnalyticFunction, ScalableFunction
 from navopt.registry import problem
 
 __all__ = [
