@@ -15,7 +15,8 @@ from scipy import stats
 from navopt import EstimationProblem, Parameter, make_solver, solve
 from navopt.algorithms.cmaes import CMAES
 from navopt.errors import InvalidInput, NavoptError, UnknownName
-from navopt.problems.analytic import Point, Sphere
+from navopt.problems.analytic import Sphere
+from navopt.problems.analytic_base import Point
 
 
 class Function(EstimationProblem):

@@ -7,7 +7,8 @@ from scipy import stats
 from navopt import EstimationProblem, Parameter, solve
 from navopt.algorithms.bee_colony import BeeColony
 from navopt.errors import InvalidInput, UnknownName
-from navopt.problems.analytic import Point, Sphere
+from navopt.problems.analytic import Sphere
+from navopt.problems.analytic_base import Point
 
 #: Statistical checks in this file; each gets its share of a false alarm in a thousand.
 CHECKS = 5

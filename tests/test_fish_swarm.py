@@ -14,7 +14,8 @@ from navopt.algorithms.fish_swarm import FishSwarm
 from navopt.algorithms.novel_fish_swarm import PUBLISHED_VISUAL, NovelFishSwarm
 from navopt.algorithms.optimal_fish_swarm import OptimalFishSwarm
 from navopt.errors import InvalidInput, UnknownName, UnsuitableProblem
-from navopt.problems.analytic import Point, Sphere
+from navopt.problems.analytic import Sphere
+from navopt.problems.analytic_base import Point
 
 #: Comparisons with random search in this file; each gets its share of a false alarm in a thousand.
 LEVEL = 0.001 / 6

@@ -18,7 +18,8 @@ from navopt.algorithms.fruit_fly_steps import step_size
 from navopt.algorithms.perturbed_fruit_fly import PerturbedFruitFly
 from navopt.algorithms.student_fruit_fly import StudentFruitFly
 from navopt.errors import InvalidInput, UnknownName
-from navopt.problems.analytic import Point, Sphere
+from navopt.problems.analytic import Sphere
+from navopt.problems.analytic_base import Point
 
 FAMILY = [FruitFly, GaussianFruitFly, FruitFly3D, PerturbedFruitFly, StudentFruitFly]
 each_class = pytest.mark.parametrize("cls", FAMILY)

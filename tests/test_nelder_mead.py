@@ -11,7 +11,8 @@ from scipy.optimize import Bounds, minimize
 from navopt import EstimationProblem, Parameter, solve
 from navopt.algorithms.nelder_mead import NelderMead
 from navopt.errors import InvalidInput
-from navopt.problems.analytic import Point, Sphere
+from navopt.problems.analytic import Sphere
+from navopt.problems.analytic_base import Point
 
 
 class Function(EstimationProblem):
