@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 from navopt.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from comparisons.ablation import Ablation as Ablation
+    from comparisons.effects import effect_table as effect_table
     from comparisons.report import write_report as write_report
     from comparisons.runner import Summary as Summary
     from comparisons.runner import run_study as run_study
@@ -21,12 +23,14 @@ if TYPE_CHECKING:
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
+        "Ablation": "comparisons.ablation",
         "ResultsStore": "comparisons.store",
         "RunSpec": "comparisons.study",
         "SolverEntry": "comparisons.study",
         "Study": "comparisons.study",
         "Success": "comparisons.study",
         "Summary": "comparisons.runner",
+        "effect_table": "comparisons.effects",
         "list_studies": "comparisons.study",
         "ranked_table": "comparisons.statistics",
         "run_study": "comparisons.runner",

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from comparisons.audit_command import audit
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -154,6 +156,9 @@ def gravity_map(
     typer.echo(out)
 
 
+app.command("audit")(audit)
+
+
 def _region(text: str) -> tuple[float, float, float, float]:
     from navopt.errors import InvalidInput
 
@@ -187,6 +192,11 @@ def _conclude(folder: Path, summary: Summary) -> None:
         all_failed = summary.failed == summary.planned
         if not all_failed:
             print_ranked(store, console)
+            if store.study.ablation:
+                from comparisons.effects import effect_table
+                from comparisons.effects_page import print_effects
+
+                print_effects(effect_table(store), store.study, console)
         if summary.failed:
             _tell_failures(store, summary)
         if not all_failed:

@@ -14,11 +14,11 @@ from navopt.errors import InvalidInput, NavoptError, UnknownName
 if TYPE_CHECKING:
     from comparisons.study import RunSpec, Study
 
-__all__ = ["check_names", "full_settings", "plan"]
+__all__ = ["check_names", "full_settings", "naming", "plan"]
 
 
 @contextmanager
-def _naming(source: str) -> Iterator[None]:
+def naming(source: str) -> Iterator[None]:
     """Put the name of the study file before what was wrong in it."""
     try:
         yield
@@ -38,15 +38,17 @@ def check_names(study: Study, source: str) -> None:
     InvalidInput
         If a solver refuses its settings.
     """
-    with _naming(source):
+    with naming(source):
         known = registry.list_solvers()
         for entry in study.solvers:
             if entry.name not in known:
                 raise UnknownName("solver", entry.name, known)
-        if study.problem not in registry.list_problems():
-            raise UnknownName("problem", study.problem, registry.list_problems())
-        accepted = [name for name in _defaults(study.problem) if name != "seed"]
-        for label, scenario in study.scenarios.items():
+        for label in study.scenarios:
+            problem, scenario = study.place(label)
+            for name in (study.problem, problem):
+                if name not in registry.list_problems():
+                    raise UnknownName("problem", name, registry.list_problems())
+            accepted = [name for name in _defaults(problem) if name != "seed"]
             for key in scenario:
                 if key not in accepted:
                     raise UnknownName(f"key of scenario {label!r}", key, accepted)
@@ -80,19 +82,20 @@ def plan(study: Study, source: str) -> list[RunSpec]:
     """
     from comparisons.study import RunSpec
 
-    cls = registry.problem_class(study.problem)
     installed = versions()
-    defaults = {
-        name: value
-        for name, value in _defaults(study.problem).items()
-        if name != "seed" and value is not inspect.Parameter.empty
-    }
     solvers = [(entry, full_settings(entry.name, entry.settings)) for entry in study.solvers]
-    with _naming(source):
+    with naming(source):
         for entry, settings in solvers:
             canonical_json(settings, argument=f"settings of solver {entry.label!r}")
         runs: dict[str, RunSpec] = {}
-        for label, scenario in study.scenarios.items():
+        for label in study.scenarios:
+            problem, scenario = study.place(label)
+            cls = registry.problem_class(problem)
+            defaults = {
+                name: value
+                for name, value in _defaults(problem).items()
+                if name != "seed" and value is not inspect.Parameter.empty
+            }
             place = {
                 "problem": f"{cls.__module__}.{cls.__qualname__}",
                 "scenario": {**defaults, **scenario},
@@ -123,7 +126,7 @@ def plan(study: Study, source: str) -> list[RunSpec]:
                             solver=entry.name,
                             settings=entry.settings,
                             seed=seed,
-                            problem=study.problem,
+                            problem=problem,
                             budget=study.budget,
                             held_out=study.held_out,
                         )

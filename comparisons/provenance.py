@@ -29,12 +29,9 @@ def _seeds(values: tuple[int, ...]) -> str:
 
 def facts(store: Any, study: Any, runs: pd.DataFrame) -> list[tuple[str, str]]:
     """Say what was run, as pairs of a name and a text."""
-    try:
-        problem = f"{study.problem}: {registry.problem_info(study.problem).summary}"
-    except NavoptError:  # a problem of a package that is not installed here
-        problem = study.problem
+    names = dict.fromkeys(study.place(label)[0] for label in study.scenarios)
     found = [
-        ("Problem", problem),
+        *(("Problem", _problem(name)) for name in names),
         ("Worlds per scenario", _seeds(study.worlds)),
         ("Solver seeds per world", _seeds(study.seeds)),
         ("Budget per run", f"{study.budget} model evaluations"),
@@ -51,6 +48,13 @@ def facts(store: Any, study: Any, runs: pd.DataFrame) -> list[tuple[str, str]]:
         first, last = (f"{str(end)[:16].replace('T', ' ')} UTC" for end in _ends(runs["finished"]))
         found.append(("Runs finished", first if first == last else f"{first} to {last}"))
     return found
+
+
+def _problem(name: str) -> str:
+    try:
+        return f"{name}: {registry.problem_info(name).summary}"
+    except NavoptError:  # a problem of a package that is not installed here
+        return name
 
 
 def _ends(values: pd.Series) -> tuple[Any, Any]:
@@ -74,8 +78,10 @@ def checksums(study: Any, runs: pd.DataFrame) -> list[tuple[str, str]]:
         keys = {spec.key for spec in study.runs()}
         if not len(runs) or not set(runs["key"]) <= keys:
             return []
-        cls = registry.problem_class(study.problem)
-        found = [(label, str(cls.data_checksum(**words))) for label, words in study.scenarios.items()]
+        found = []
+        for label in study.scenarios:
+            problem, words = study.place(label)
+            found.append((label, str(registry.problem_class(problem).data_checksum(**words))))
     except NavoptError:
         return []
     found = [(label, text) for label, text in found if text and text != "None"]
@@ -150,7 +156,14 @@ def study_toml(study: Any) -> str:
     for label, scenario in study.scenarios.items():
         lines += ["", f"[scenarios.{_toml(label)}]"]
         lines += [f"{key} = {_toml(value)}" for key, value in scenario.items() if value is not None]
-    for entry in study.solvers:
+    if study.ablation:
+        table = {key: value for key, value in study.ablation.items() if value}
+        inner = {key: table.pop(key) for key in ("vary", "contrasts") if key in table}
+        lines += ["", "[ablation]", *(f"{key} = {_toml(value)}" for key, value in table.items())]
+        for name, values in inner.items():
+            lines += ["", f"[ablation.{name}]"]
+            lines += [f"{_toml(key)} = {_toml(value)}" for key, value in values.items()]
+    for entry in study.others:
         lines += ["", "[[solvers]]", f"name = {_toml(entry.name)}", f"label = {_toml(entry.label)}"]
         if entry.settings:
             lines.append(f"settings = {_toml(entry.settings)}")

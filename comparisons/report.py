@@ -16,6 +16,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
 from comparisons.drawing import UNAIDED
+from comparisons.effects import effect_table
+from comparisons.effects_page import WORDS, effect_cells, effect_groups, effect_notes, forest
 from comparisons.figures import convergence, error_boxes, map_picture, render, solver_styles
 from comparisons.provenance import checksums, commands, facts, in_words, solver_rows, study_toml
 from comparisons.statistics import FAILURES, REFERENCES, ranked_table, reference_errors, success_columns
@@ -32,7 +34,8 @@ def write_report(store: Any, path: str | Path | None = None) -> Path:
     """Write the report of a study from its store.
 
     The page holds its pictures and style itself, asks nothing of any network, and is byte-identical for
-    the same store. ``table.csv`` (the ranked table) and ``runs.csv`` (every run) are written beside it.
+    the same store. ``table.csv`` (the ranked table), ``runs.csv`` (every run) and, of an ablation,
+    ``effects.csv`` are written beside it.
     Each file is replaced as a whole, so that a reader never sees half of one.
 
     Parameters
@@ -57,8 +60,12 @@ def write_report(store: Any, path: str | Path | None = None) -> Path:
         target = target / "report.html"
     study, runs = store.study, store.runs()
     table = ranked_table(runs, study)
-    page = _environment().get_template("report.html.j2").render(_context(store, study, runs, table))
+    effects = effect_table(runs, study) if study.ablation and len(runs) else None
+    context = {**_context(store, study, runs, table), "effects": _effects(effects, study)}
+    page = _environment().get_template("report.html.j2").render(context)
     _write(target, page)
+    if effects is not None:
+        _write(target.with_name("effects.csv"), effects.to_csv(index=False, lineterminator="\n"))
     _write(target.with_name("table.csv"), table.to_csv(index=False, lineterminator="\n"))
     _write(target.with_name("runs.csv"), _flat(runs).to_csv(index=False, lineterminator="\n"))
     return target
@@ -172,6 +179,29 @@ def _scenario(store: Any, study: Any, runs: pd.DataFrame, table: pd.DataFrame, l
         "rows": rows,
         "pictures": pictures,
         "done": done,
+    }
+
+
+def _effects(table: pd.DataFrame | None, study: Any) -> dict[str, Any] | None:
+    """Return the section on the ingredients of an ablation; None where there is nothing to say."""
+    if table is None or not table["pairs"].any():
+        return None
+    display = Display.of(study)
+    groups = [(heading, effect_cells(part, display)) for heading, part in effect_groups(table)]
+    picture = _picture(
+        forest(table, study),
+        "Forest plot of the effect size of each ingredient with its interval",
+        "Effect of each ingredient: right of the line the base's value is better. Bands are negligible, "
+        "small and medium effects, bars 95 % intervals over worlds.",
+    )
+    return {
+        "groups": [
+            {"heading": heading, "columns": list(cells.columns), "rows": cells.to_numpy().tolist()}
+            for heading, cells in groups
+        ],
+        "picture": picture,
+        "words": WORDS,
+        "notes": effect_notes(table, study),
     }
 
 

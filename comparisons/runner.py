@@ -105,6 +105,7 @@ def run_study(
             if spec.key not in statuses or (retry_failed and statuses[spec.key] == "failed")
         ]
         known_scores = store.score_names()
+        checked: set[str] = set()
         if known_scores is not None:
             check_score_names(study, known_scores)
         n_workers = workers if workers is not None else available_cpus()
@@ -119,10 +120,11 @@ def run_study(
                 if record.illustration is not None:
                     missing.discard(record.world_key)
                 reporter.finished(by_key[record.key], record)
-                if known_scores is None and record.status != "failed":
+                problem = by_key[record.key].problem
+                if problem not in checked and record.status != "failed":
                     # the first result knows the names of the scores: better now than after the last run
-                    known_scores = set(record.scores)
-                    check_score_names(study, known_scores)
+                    checked.add(problem)
+                    check_score_names(study, set(record.scores))
         elapsed = time.monotonic() - started
         if todo:
             store.note(last_run={"elapsed_s": elapsed, "workers": n_workers, "executed": len(todo)})

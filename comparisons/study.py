@@ -13,6 +13,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from comparisons.ablation_design import Design
 from comparisons.study_file import parse, read_toml
 from navopt.errors import InvalidInput, UnknownName
 
@@ -127,9 +128,10 @@ class Study:
     problem : str
         Registered problem.
     scenarios : dict of str to dict
-        Keywords of the problem's ``simulate`` by scenario label; at least one.
+        Keywords of the problem's ``simulate`` by scenario label; at least one. The key ``problem`` names
+        another registered problem for one scenario.
     solvers : tuple of SolverEntry
-        The competitors, with labels that differ.
+        The competitors, with labels that differ; the variants of `ablation` come first by themselves.
     worlds : tuple of int
         World seeds.
     budget : int
@@ -148,6 +150,8 @@ class Study:
         Number of redrawn twins that each solution is applied to.
     illustrate : int, default 1
         Number of worlds per scenario whose illustration is kept.
+    ablation : dict
+        What the study takes apart, as `comparisons.ablation_design.Design` has it; empty for a comparison.
 
     Raises
     ------
@@ -171,8 +175,13 @@ class Study:
     success: tuple[Success, ...] = ()
     held_out: int = 0
     illustrate: int = 1
+    ablation: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if self.ablation:
+            design = Design.from_table(self.ablation)
+            object.__setattr__(self, "ablation", design.to_table())
+            object.__setattr__(self, "solvers", (*_variants(design), *self.others))
         plain = {
             "scenarios": {label: dict(scenario) for label, scenario in self.scenarios.items()},
             "solvers": tuple(self.solvers),
@@ -198,6 +207,12 @@ class Study:
         for key in self.display:
             if key not in DISPLAY_KEYS:
                 raise UnknownName("display", key, DISPLAY_KEYS)
+        for name, pair in self.ablation.get("contrasts", {}).items():
+            for label in pair:
+                if label not in self.scenarios:
+                    raise UnknownName(f"scenario of contrast {name!r}", label, self.scenarios)
+            if self.rank_by == "loss":
+                raise InvalidInput("rank_by", "loss", "losses of two scenarios do not compare: name a score")
 
     # -- where studies come from -----------------------------------------------------------------
     @classmethod
@@ -209,7 +224,8 @@ class Study:
         path : path-like
             A TOML file; the keys are the attributes of this class, with ``[scenarios."label"]``,
             ``[[solvers]]``, ``[[success]]`` and ``[display]`` tables. ``worlds`` is a list of seeds, or a
-            count together with ``first_world`` (0 by default).
+            count together with ``first_world`` (0 by default). An ``[ablation]`` table makes the solvers;
+            values that its base has anyway are left out.
 
         Returns
         -------
@@ -223,6 +239,12 @@ class Study:
             If a key, problem, scenario key, solver or setting is unknown; the nearest is suggested.
         """
         study = cls.from_dict(read_toml(Path(path)), source=str(path))
+        if study.ablation:
+            from comparisons.planning import naming
+
+            with naming(str(path)):
+                design = Design.from_table(study.ablation).reduced()
+                study = replace(study, ablation=design.to_table(), solvers=study.others)
         study.check(source=str(path))
         return study
 
@@ -254,7 +276,12 @@ class Study:
 
     def to_dict(self) -> dict[str, Any]:
         """Tables of the TOML form; `from_dict` gives the same study back."""
-        return asdict(self)
+        tables = asdict(self)
+        if self.ablation:
+            tables["solvers"] = [asdict(entry) for entry in self.others]
+        else:
+            del tables["ablation"]
+        return tables
 
     def replaced(self, *, worlds: int | None = None, budget: int | None = None) -> Study:
         """Study with another number of worlds or another budget.
@@ -277,6 +304,17 @@ class Study:
         return replace(self, **changes)
 
     # -- what it asks for ------------------------------------------------------------------------
+    @property
+    def others(self) -> tuple[SolverEntry, ...]:
+        """Solvers that are not variants of `ablation`; all of them without one."""
+        made = _variants(Design.from_table(self.ablation)) if self.ablation else ()
+        return tuple(entry for entry in self.solvers if entry not in made)
+
+    def place(self, scenario: str) -> tuple[str, dict[str, Any]]:
+        """Registered problem of a scenario, by its label, and the keywords of its ``simulate``."""
+        keywords = dict(self.scenarios[scenario])
+        return keywords.pop("problem", self.problem), keywords
+
     def check(self, *, source: str = "study") -> None:
         """Refuse unknown problems, scenario keys, solvers and settings before anything runs.
 
@@ -314,6 +352,10 @@ def study_title(name: str) -> str:
     """Title of a study that comes with the package; the registries are not asked."""
     document = read_toml(_embedded(name))
     return str(document.get("title", name))
+
+
+def _variants(design: Design) -> tuple[SolverEntry, ...]:
+    return tuple(SolverEntry(v.solver, v.label, v.settings) for v in design.variants())
 
 
 def _embedded(name: str) -> Path:

@@ -28,8 +28,9 @@ _STUDY = {
     "success": (list, tuple),
     "scenarios": Mapping,
     "solvers": (list, tuple),
+    "ablation": Mapping,
 }
-_REQUIRED = ("name", "problem", "worlds", "budget", "solvers")
+_REQUIRED = ("name", "problem", "worlds", "budget")
 _SOLVER = {"name": str, "label": str, "settings": Mapping}
 _SUCCESS = {"score": str, "below": (*_NUMBER, list, tuple), "labels": (str, list, tuple)}
 _DISPLAY = {"scale": _NUMBER, "unit": str, "label": str}
@@ -74,7 +75,9 @@ def parse(document: Mapping[str, Any], source: str) -> dict[str, Any]:
     InvalidInput
         If a key is missing or its value is of another kind.
     """
-    values = _table(document, _STUDY, source, required=_REQUIRED)
+    # an ablation makes its solvers itself
+    required = _REQUIRED if document.get("ablation") else (*_REQUIRED, "solvers")
+    values = _table(document, _STUDY, source, required=required)
     values["worlds"] = _worlds(values, source)
     seeds = values.get("seeds", (1,))
     values["seeds"] = (seeds,) if isinstance(seeds, int) else tuple(seeds)
@@ -85,7 +88,7 @@ def parse(document: Mapping[str, Any], source: str) -> dict[str, Any]:
     }
     values["solvers"] = [
         _table(entry, _SOLVER, f"{source}: solvers[{k}]", required=("name",))
-        for k, entry in enumerate(values["solvers"])
+        for k, entry in enumerate(values.get("solvers", ()))
     ]
     values["success"] = [
         _success(_table(entry, _SUCCESS, f"{source}: success[{k}]", required=("score", "below")))
