@@ -38,8 +38,9 @@ docs: $(VENV)/.installed-docs ## build the documentation into docs/_build/html
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
 	@echo "docs/_build/html/index.html"
 
-bench: $(VENV)/.installed ## measure the speed of the kernels and of whole runs
+bench: $(VENV)/.installed-bench ## measure speed, then compare abc with pygmo's colony (minutes)
 	$(BIN)/python -m comparisons.speed
+	$(BIN)/python -m comparisons.independent_bee_colony
 
 wheel-test: $(VENV)/.installed ## build the wheel, install it elsewhere and run a small study with it
 	sh tests/wheel_check.sh $(BIN)/python

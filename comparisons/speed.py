@@ -138,7 +138,10 @@ def measure(*, repeats: int = 9) -> list[tuple[str, str, float, str, float]]:
 
 
 def main() -> None:
-    """Print the table of measurements."""
+    """Print the tables of measurements: kernels, swarms, and the fish's cycles."""
+    from comparisons.speed_swarms import fish_costs, swarm_costs
+
+    console = Console(width=135)
     table = Table("what", "ours", "ms", "peer", "ms", "ours / peer", title="Speed (medians, interleaved)")
     for what, ours, seconds, peer, peer_seconds in measure():
         table.add_row(
@@ -149,7 +152,40 @@ def main() -> None:
             f"{1e3 * peer_seconds:.4g}",
             f"{seconds / peer_seconds:.2f}",
         )
-    Console().print(table)
+    console.print(table)
+
+    swarms = Table(
+        *("swarm, 20 individuals", "problem", "evaluations", "batches", "ms / batch", "ms / cycle"),
+        *("pso ms", "batch / pso", "cycle / pso"),
+        title="A cycle beyond the loss, beside an iteration of pymoo's particle swarm",
+    )
+    for cost in swarm_costs():
+        cycle = (1e3 * cost.seconds, 1e3 * cost.peer_seconds)
+        batch = cost.seconds / cost.batches if cost.batches else None
+        swarms.add_row(
+            cost.solver,
+            cost.problem,
+            # a search in a kernel of its own has no batches
+            *(f"{value:.1f}" if batch else "own kernel" for value in (cost.evaluations, cost.batches)),
+            f"{1e3 * batch:.3g}" if batch else "–",
+            *(f"{value:.3g}" for value in cycle),
+            f"{batch / cost.peer_seconds:.2f}" if batch else "–",
+            f"{cost.seconds / cost.peer_seconds:.2f}",
+        )
+    console.print(swarms)
+
+    fish = Table(
+        *("fish swarm", "fish", "attempts", "evaluations", "ms / cycle", "µs / evaluation"),
+        *("peak kB", "state kB", "random kB"),
+        title="A cycle of the fish swarms on a sphere of ten variables",
+    )
+    for each in fish_costs():
+        fish.add_row(
+            *(each.solver, str(each.pop_size), str(each.try_number), f"{each.evaluations:.0f}"),
+            *(f"{1e3 * each.seconds:.3g}", f"{1e6 * each.seconds / each.evaluations:.3g}"),
+            *(f"{value / 1e3:.3g}" for value in (each.peak_bytes, each.state_bytes, each.draw_bytes)),
+        )
+    console.print(fish)
 
 
 if __name__ == "__main__":
