@@ -8,7 +8,16 @@ from navopt.lazy import lazy_names
 
 if TYPE_CHECKING:
     from comparisons.ablation import Ablation as Ablation
+    from comparisons.audit import Audit as Audit
+    from comparisons.audit import AuditResult as AuditResult
+    from comparisons.audit import run_audit as run_audit
     from comparisons.effects import effect_table as effect_table
+    from comparisons.effects_page import print_effects as print_effects
+    from comparisons.entries import Printed as Printed
+    from comparisons.match import Match as Match
+    from comparisons.match import match_track as match_track
+    from comparisons.overall import overall_ranks as overall_ranks
+    from comparisons.printed import printed_table as printed_table
     from comparisons.report import write_report as write_report
     from comparisons.runner import Summary as Summary
     from comparisons.runner import run_study as run_study
@@ -24,6 +33,10 @@ __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
         "Ablation": "comparisons.ablation",
+        "Audit": "comparisons.audit",
+        "AuditResult": "comparisons.audit",
+        "Match": "comparisons.match",
+        "Printed": "comparisons.entries",
         "ResultsStore": "comparisons.store",
         "RunSpec": "comparisons.study",
         "SolverEntry": "comparisons.study",
@@ -32,7 +45,12 @@ __getattr__, __dir__, __all__ = lazy_names(
         "Summary": "comparisons.runner",
         "effect_table": "comparisons.effects",
         "list_studies": "comparisons.study",
+        "match_track": "comparisons.match",
+        "overall_ranks": "comparisons.overall",
+        "print_effects": "comparisons.effects_page",
+        "printed_table": "comparisons.printed",
         "ranked_table": "comparisons.statistics",
+        "run_audit": "comparisons.audit",
         "run_study": "comparisons.runner",
         "write_report": "comparisons.report",
     },

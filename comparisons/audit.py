@@ -10,9 +10,7 @@ preference, and compares seed by seed.
 from __future__ import annotations
 
 import tempfile
-import time
 from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -20,26 +18,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from comparisons.audit_lockstep import execute_together, groups
 from comparisons.audit_solvers import audit_file, solver_entries
 from comparisons.audit_suite import BIASES, FAMILIES, FUNCTIONS, Case, cases
 from comparisons.planning import check_names, plan
-from comparisons.pool import WorkerPool, available_cpus
-from comparisons.progress import Reporter
+from comparisons.pool import worker_count
+from comparisons.runner import execute_missing
 from comparisons.store import ResultsStore
 from comparisons.study import RunSpec, SolverEntry, Study
-from comparisons.worker import World, execute
 from navopt import registry
 from navopt.errors import InvalidInput, UnknownName
 
 if TYPE_CHECKING:
-    from collections.abc import Generator
-
     import pandas as pd
     from rich.console import Console
 
     from comparisons.audit_measures import Verdict
-    from comparisons.store import RunRecord
 
 __all__ = ["REFERENCES", "Audit", "AuditResult", "run_audit"]
 
@@ -289,8 +282,6 @@ def run_audit(
             seeds=seeds,  # type: ignore[arg-type]
             budget=budget,
         )
-    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
-        raise InvalidInput("workers", workers, "give a whole number, at least 1, or None for all processors")
     if out is not None:
         return _run(audit, out, workers, retry_failed, console)
     with tempfile.TemporaryDirectory(prefix="navopt-audit-") as folder:
@@ -300,44 +291,13 @@ def run_audit(
 def _run(
     audit: Audit, out: str | Path, workers: int | None, retry_failed: bool, console: Console | None
 ) -> AuditResult:
-    started = time.monotonic()
+    workers = worker_count(workers)
     study, runs = audit.study(), audit.runs()
     with ResultsStore.open_for_study(out, study, runs) as store:
-        statuses = store.statuses()
-        todo = [
-            spec
-            for spec in runs
-            if spec.key not in statuses or (retry_failed and statuses[spec.key] == "failed")
-        ]
-        n_workers = workers if workers is not None else available_cpus()
-        by_key = {spec.key: spec for spec in todo}
-        with (
-            Reporter(study, runs, todo, statuses, n_workers, console) as reporter,
-            closing(_records(todo, n_workers)) as records,
-        ):
-            for record in records:
-                store.add(record)
-                reporter.finished(by_key[record.key], record)
-        if todo:
-            elapsed = time.monotonic() - started
-            store.note(last_run={"elapsed_s": elapsed, "workers": n_workers, "executed": len(todo)})
+        execute_missing(
+            store, study, runs, workers=workers, retry_failed=retry_failed, console=console, lockstep=True
+        )
         return AuditResult(audit, _gaps(audit, store.runs()))
-
-
-def _records(todo: list[RunSpec], n_workers: int) -> Generator[RunRecord, None, None]:
-    together, todo = groups(todo)
-    for group in together:
-        records = execute_together(group)
-        if records is None:
-            todo += group
-        else:
-            yield from records
-    if n_workers > 1:
-        yield from WorkerPool(n_workers, lambda spec: False).records(todo)
-        return
-    world = World()
-    for spec in todo:
-        yield execute(spec, world)
 
 
 def _gaps(audit: Audit, runs: pd.DataFrame) -> pd.DataFrame:

@@ -10,12 +10,31 @@ from dataclasses import dataclass
 from typing import Any, ParamSpec, TypeVar
 
 import matplotlib
+import numpy as np
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from comparisons.statistics import REFERENCES
+from comparisons.wording import format_number
 from navopt.errors import UnknownName
 
-__all__ = ["UNAIDED", "Style", "house_style", "render", "solver_styles", "styled"]
+__all__ = [
+    "UNAIDED",
+    "WIDTH",
+    "Style",
+    "house_style",
+    "plain_ticks",
+    "render",
+    "solver_styles",
+    "styled",
+    "wants_log",
+]
+
+#: Width of a figure of a report, in inches.
+WIDTH = 8.4
+#: Ratio of largest to smallest value from which an axis is logarithmic.
+LOGARITHMIC_SPREAD = 30.0
 
 #: Colours told apart with any colour vision (Okabe & Ito, then Tol's muted), dark enough for thin lines.
 COLOURS = (
@@ -116,6 +135,21 @@ def styled(function: Callable[P, R]) -> Callable[P, R]:
             return function(*args, **kwargs)
 
     return draw
+
+
+def wants_log(values: np.ndarray, spread: float = LOGARITHMIC_SPREAD) -> bool:
+    """Whether values are positive and spread over a ratio that needs a logarithmic axis."""
+    return bool(values.size and values.min() > 0 and values.max() / values.min() > spread)
+
+
+def plain_ticks(axis: Axis, low: float, high: float) -> None:
+    """Label a logarithmic axis with plain numbers, and between the powers of ten where there is room."""
+    decades = np.log10(high / low)
+    if decades > 4:
+        return
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades < 3 else (1,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: format_number(value, digits=1)))
+    axis.set_minor_formatter(NullFormatter())
 
 
 @styled

@@ -10,25 +10,23 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from comparisons.drawing import Style, render, solver_styles, styled
+from comparisons.convergence import best_so_far, convergence
+from comparisons.drawing import WIDTH, Style, plain_ticks, render, solver_styles, styled, wants_log
 from comparisons.map_figure import match_map
 from comparisons.measures import quantile
-from comparisons.statistics import FAILURES, REFERENCES, ranked_table, run_scores, success_columns
-from comparisons.wording import Display, format_number
-from navopt.errors import UnknownName
+from comparisons.statistics import (
+    FAILURES,
+    REFERENCES,
+    opened,
+    ranked_table,
+    run_scores,
+    success_columns,
+)
+from comparisons.wording import Display
 
 __all__ = ["best_so_far", "convergence", "error_boxes", "map_picture", "match_map", "render", "solver_styles"]
-
-#: Ratio of largest to smallest value from which an axis is logarithmic.
-LOGARITHMIC_SPREAD = 30.0
-#: The same for a loss, where the last improvements are what matters.
-LOGARITHMIC_LOSS = 8.0
-GRID_POINTS = 240
-WIDTH = 8.4
 
 
 @styled
@@ -61,7 +59,7 @@ def error_boxes(
     UnknownName
         If the study has no such scenario.
     """
-    runs, study = _opened(store_or_runs, study, scenario)
+    runs, study = opened(store_or_runs, study, scenario)
     display, styles = Display.of(study), solver_styles(study)
     table = ranked_table(runs, study) if table is None else table
     table = table[table["scenario"] == scenario]
@@ -70,7 +68,7 @@ def error_boxes(
     figure = Figure(figsize=(WIDTH, 1.5 + 0.42 * len(table)), layout="constrained")
     axes = figure.add_subplot()
     finite = scores[np.isfinite(scores)].to_numpy()
-    logarithmic = _wants_log(finite)
+    logarithmic = wants_log(finite)
     if logarithmic:
         axes.set_xscale("log")
     low, high = _limits(finite, logarithmic)
@@ -102,22 +100,10 @@ def error_boxes(
     axes.tick_params(axis="y", length=0)
     axes.set_xlabel(display.title)
     if logarithmic:
-        _plain_ticks(axes.xaxis, low, high)
+        plain_ticks(axes.xaxis, low, high)
     levels = _thresholds(axes, study, display, low, high, logarithmic)
     axes.set_title(scenario, pad=6 + 13 * levels)
     return figure
-
-
-def _opened(store_or_runs: Any, study: Any, scenario: str) -> tuple[pd.DataFrame, Any]:
-    runs = store_or_runs if isinstance(store_or_runs, pd.DataFrame) else store_or_runs.runs()
-    study = study if study is not None else store_or_runs.study
-    if scenario not in study.scenarios:
-        raise UnknownName("scenario", scenario, study.scenarios)
-    return runs, study
-
-
-def _wants_log(values: np.ndarray, spread: float = LOGARITHMIC_SPREAD) -> bool:
-    return bool(values.size and values.min() > 0 and values.max() / values.min() > spread)
 
 
 def _limits(values: np.ndarray, logarithmic: bool) -> tuple[float, float]:
@@ -131,16 +117,6 @@ def _limits(values: np.ndarray, logarithmic: bool) -> tuple[float, float]:
         return 0.0, 1.05 * high if high > 0 else 1.0
     margin = 0.05 * (high - low) or 1.0
     return low - margin, high + margin
-
-
-def _plain_ticks(axis: Axis, low: float, high: float) -> None:
-    """Label a logarithmic axis with plain numbers, and between the powers of ten where there is room."""
-    decades = np.log10(high / low)
-    if decades > 4:
-        return
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades < 3 else (1,)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: format_number(value, digits=1)))
-    axis.set_minor_formatter(NullFormatter())
 
 
 def _box(axes: Axes, y: float, values: np.ndarray, style: Style, low: float, high: float) -> None:
@@ -190,119 +166,6 @@ def _thresholds(axes: Axes, study: Any, display: Display, low: float, high: floa
     return len(ends)
 
 
-def best_so_far(trace: np.ndarray, grid: np.ndarray) -> np.ndarray:
-    """Best loss reached at each cost: a step function, held after the last row.
-
-    Parameters
-    ----------
-    trace : structured ndarray (cost, loss, elapsed_s)
-        Trace of a run.
-    grid : ndarray, shape (n,)
-        Costs.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Losses; ``+inf`` before the first evaluation, so that a baseline begins at its own cost.
-    """
-    if not len(trace):
-        return np.full(len(grid), np.inf)
-    order = np.argsort(trace["cost"], kind="stable")
-    best = np.minimum.accumulate(np.where(np.isnan(trace["loss"]), np.inf, trace["loss"])[order])
-    position = np.searchsorted(trace["cost"][order], grid, side="right") - 1
-    return np.where(position >= 0, best[np.maximum(position, 0)], np.inf)
-
-
-@styled
-def convergence(store: Any, *, scenario: str) -> Figure:
-    """Best loss so far against cost: median line and quartile band over worlds and solver seeds.
-
-    A run that failed counts as having reached nothing. The last marker of a line is where the median
-    run stops spending; from there it goes on thin as the value held.
-
-    Parameters
-    ----------
-    store : ResultsStore
-        Results of the study.
-    scenario : str
-        Label of the scenario.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    UnknownName
-        If the study has no such scenario.
-    """
-    runs, study = _opened(store, None, scenario)
-    traces, styles = store.traces(), solver_styles(study)
-    here = runs[runs["scenario"] == scenario] if len(runs) else runs
-    usable = here[~here["status"].isin(FAILURES)] if len(here) else here
-    last = max([study.budget, *(int(traces[k]["cost"].max()) for k in usable.get("key", []) if k in traces)])
-    grid = np.unique(np.round(np.geomspace(1, max(last, 2), GRID_POINTS)))
-    figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")
-    axes = figure.add_subplot()
-    bands: dict[str, np.ndarray] = {}
-    ends: dict[str, float] = {}
-    for label in styles:
-        own = here[here["solver"] == label] if len(here) else here
-        if not len(own):
-            continue
-        empty = np.zeros(0, dtype=[("cost", float), ("loss", float)])
-        good = set(usable["key"])
-        kept = [traces.get(key, empty) if key in good else empty for key in own["key"]]
-        curves = np.array([best_so_far(trace, grid) for trace in kept])
-        bands[label] = np.array([quantile(curves, q) for q in (0.25, 0.5, 0.75)])
-        ends[label] = quantile([trace["cost"].max() if len(trace) else np.inf for trace in kept], 0.5)
-    # the axis follows the medians: the bands of the first few evaluations would squeeze all the rest
-    drawn = np.concatenate([band[:2][np.isfinite(band[:2])] for band in bands.values()] or [np.zeros(0)])
-    ceiling = drawn.max() if drawn.size else 1.0
-    for place, (label, (lower, median, upper)) in enumerate(bands.items()):
-        style = styles[label]
-        shown = np.isfinite(median)
-        if not shown.any():
-            axes.plot(
-                [], [], color=style.colour, marker=style.marker, linestyle="none", label=f"{label} (failed)"
-            )
-            continue
-        upper = np.where(np.isfinite(upper), upper, 10 * abs(ceiling) + 1)
-        axes.fill_between(
-            grid[shown], lower[shown], upper[shown], step="post", color=style.colour, alpha=0.1, linewidth=0
-        )
-        spending = shown & (grid <= max(ends[label], grid[shown][0]))
-        last_spent = int(spending.sum()) - 1
-        # markers out of step with one another, and always one at the end
-        spaced = range(int(GRID_POINTS / 5 * (place + 1) / (len(bands) + 1)), last_spent, GRID_POINTS // 5)
-        axes.plot(
-            grid[spending], median[spending], drawstyle="steps-post", color=style.colour,
-            linestyle=style.line, linewidth=1.7, label=label, zorder=4, marker=style.marker,
-            markevery=[*spaced, last_spent], markersize=6, markeredgecolor="white",
-        )  # fmt: skip
-        held = shown & (grid >= grid[spending][-1])
-        axes.plot(
-            grid[held], median[held], drawstyle="steps-post", color=style.colour, linewidth=0.9, linestyle=":"
-        )
-    axes.set_xscale("log")
-    axes.set_xlim(1, max(last, 2) * 1.15)
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: format_number(value, digits=1)))
-    logarithmic = _wants_log(drawn, LOGARITHMIC_LOSS)
-    if drawn.size:
-        margin = 1.25 if logarithmic else 0.06 * float(np.ptp(drawn)) or 1.0
-        low, high = float(drawn.min()), float(drawn.max())
-        axes.set_ylim((low / margin, high * margin) if logarithmic else (low - margin, high + margin))
-    if logarithmic:
-        axes.set_yscale("log")
-        _plain_ticks(axes.yaxis, low, high)
-    axes.set_xlabel("cost (model evaluations)")
-    axes.set_ylabel("best loss so far")
-    axes.set_title(scenario)
-    if bands:
-        figure.legend(loc="outside right upper")
-    return figure
-
-
 def map_picture(store: Any, *, scenario: str, world: int) -> Figure | None:
     """Map of one illustrated world with the true, inertial and matched tracks.
 
@@ -321,7 +184,7 @@ def map_picture(store: Any, *, scenario: str, world: int) -> Figure | None:
         None if the world has no illustration, or one that is not a map with tracks. Each solver shows its
         first seed.
     """
-    runs, study = _opened(store, None, scenario)
+    runs, study = opened(store, None, scenario)
     picture = store.illustration(scenario, world)
     if not {"map_values", "map_latitude", "map_longitude", "ins_latitude", "ins_longitude"} <= set(picture):
         return None

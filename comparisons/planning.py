@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from comparisons.run_key import canonical_json, digest, versions
 from navopt import registry
-from navopt.errors import InvalidInput, NavoptError, UnknownName
+from navopt.errors import InvalidInput, MissingData, NavoptError, UnknownName
 
 if TYPE_CHECKING:
     from comparisons.study import RunSpec, Study
@@ -24,6 +24,8 @@ def naming(source: str) -> Iterator[None]:
         yield
     except UnknownName as error:
         raise UnknownName(f"{source}: {error.argument}", error.value.strip("'\""), error.known) from None
+    except MissingData as error:
+        raise MissingData(f"{source}: {error.argument}", error.value, error.remedy) from None
     except InvalidInput as error:
         raise InvalidInput(f"{source}: {error.argument}", error.value, error.remedy) from None
 
@@ -106,7 +108,7 @@ def plan(study: Study, source: str) -> list[RunSpec]:
             for world in study.worlds:
                 world_key = digest(**place, world=world)
                 for entry, settings in solvers:
-                    for seed in study.seeds:
+                    for seed in study.seeds_of(world):
                         key = digest(
                             **place,
                             world=world,

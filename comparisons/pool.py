@@ -12,20 +12,20 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import connection
 from multiprocessing.process import BaseProcess
 from typing import Any
 
+from comparisons.entries import RunGroup, RunSpec
 from comparisons.store import RunRecord
-from comparisons.study import RunSpec
 from comparisons.threads import THREAD_LIMITS
-from comparisons.worker import READY, failed_record, serve
-from navopt.errors import NavoptError
+from comparisons.worker import REFUSED, failed_record, serve
+from navopt.errors import InvalidInput, NavoptError
 
-__all__ = ["WorkerPool", "available_cpus"]
+__all__ = ["WorkerPool", "available_cpus", "worker_count"]
 
 #: Times a run may lose its worker before it is recorded as failed.
 ATTEMPTS = 2
@@ -40,11 +40,26 @@ def available_cpus() -> int:
     return os.cpu_count() or 1
 
 
+def worker_count(workers: int | None) -> int:
+    """Number of processes for what was asked: all available processors for None.
+
+    Raises
+    ------
+    InvalidInput
+        If it is not a whole number from 1 on.
+    """
+    if workers is None:
+        return available_cpus()
+    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
+        raise InvalidInput("workers", workers, "give a whole number, at least 1, or None for all processors")
+    return workers
+
+
 class _WorldQueue:
     """Runs still to be handed out, kept together by world so that each is simulated as seldom as possible."""
 
-    def __init__(self, runs: list[RunSpec]) -> None:
-        self._worlds: dict[str, deque[RunSpec]] = {}
+    def __init__(self, runs: Sequence[RunSpec | RunGroup]) -> None:
+        self._worlds: dict[str, deque[RunSpec | RunGroup]] = {}
         for spec in runs:
             self._worlds.setdefault(spec.world_key, deque()).append(spec)
         self._untouched = deque(self._worlds)
@@ -52,7 +67,7 @@ class _WorldQueue:
     def __len__(self) -> int:
         return sum(map(len, self._worlds.values()))
 
-    def take(self, world_key: str) -> RunSpec | None:
+    def take(self, world_key: str) -> RunSpec | RunGroup | None:
         """Next run on the worker's world; else of a new world; else of the one with most runs left."""
         if not self._worlds.get(world_key):
             while self._untouched and not self._worlds.get(self._untouched[0]):
@@ -64,8 +79,10 @@ class _WorldQueue:
         waiting = self._worlds.get(world_key)
         return waiting.popleft() if waiting else None
 
-    def put_back(self, spec: RunSpec) -> None:
-        self._worlds[spec.world_key].appendleft(spec)
+    def put_back(self, work: RunSpec | RunGroup) -> None:
+        """Return what was taken; a group comes apart, so that one run's fault is not that of the others."""
+        for spec in work.runs if isinstance(work, RunGroup) else (work,):
+            self._worlds.setdefault(spec.world_key, deque()).appendleft(spec)
 
 
 @dataclass
@@ -74,7 +91,7 @@ class _Worker:
     channel: connection.Connection
     ready: bool = False
     world_key: str = ""
-    spec: RunSpec | None = None
+    spec: RunSpec | RunGroup | None = None
 
 
 class WorkerPool:
@@ -96,8 +113,8 @@ class WorkerPool:
         self._deaths: dict[str, int] = {}
         self._failed_starts = 0
 
-    def records(self, runs: list[RunSpec]) -> Generator[RunRecord, None, None]:
-        """Execute `runs` and yield each record as it is finished, in no fixed order.
+    def records(self, runs: Sequence[RunSpec | RunGroup]) -> Generator[RunRecord, None, None]:
+        """Execute runs and groups of runs and yield each record as it is finished, in no fixed order.
 
         Closing the iterator ends the workers at once; runs in flight are then lost, not recorded.
 
@@ -137,12 +154,16 @@ class WorkerPool:
         if message is None:
             yield from self._bury(worker, queue)
             return
-        worker.ready, worker.spec = True, None
+        done, worker.ready, worker.spec = worker.spec, True, None
         self._failed_starts = 0
+        if message == REFUSED and done is not None:
+            queue.put_back(done)
         # the next run goes out before this record is stored, so that the worker need not wait for the disk
         self._hand_out(worker, queue)
-        if message != READY:
+        if isinstance(message, RunRecord):
             yield message
+        elif isinstance(message, list):
+            yield from message
 
     def _hand_out(self, worker: _Worker, queue: _WorldQueue) -> None:
         spec = queue.take(worker.world_key)
@@ -150,9 +171,15 @@ class WorkerPool:
             return
         worker.spec, worker.world_key = spec, spec.world_key
         try:
-            worker.channel.send((spec, self._illustrate(spec)))
+            worker.channel.send((spec, self._pictures(spec)))
         except OSError:
             return  # it has just died; its end will be heard next
+
+    def _pictures(self, work: RunSpec | RunGroup) -> bool | frozenset[str]:
+        """Whether to attach the world's illustration; of a group, the keys of the worlds to illustrate."""
+        if isinstance(work, RunGroup):
+            return frozenset(spec.world_key for spec in work.runs if self._illustrate(spec))
+        return self._illustrate(work)
 
     def _bury(self, worker: _Worker, queue: _WorldQueue) -> Iterator[RunRecord]:
         self._workers.remove(worker)
@@ -172,6 +199,9 @@ class WorkerPool:
                 "`if __name__ == '__main__':`, or use workers=1"
             )
         if worker.spec is None:
+            return
+        if isinstance(worker.spec, RunGroup):
+            queue.put_back(worker.spec)
             return
         deaths = self._deaths[worker.spec.key] = self._deaths.get(worker.spec.key, 0) + 1
         if deaths < ATTEMPTS:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from typing import Any
 
 import pandas as pd
@@ -33,7 +34,10 @@ def facts(store: Any, study: Any, runs: pd.DataFrame) -> list[tuple[str, str]]:
     found = [
         *(("Problem", _problem(name)) for name in names),
         ("Worlds per scenario", _seeds(study.worlds)),
-        ("Solver seeds per world", _seeds(study.seeds)),
+        (
+            "Solver seeds per world",
+            "1 (the world's seed plus one)" if study.seed_per_world else _seeds(study.seeds),
+        ),
         ("Budget per run", f"{study.budget} model evaluations"),
         ("Ranked by", study.rank_by),
     ]
@@ -143,6 +147,9 @@ def study_toml(study: Any) -> str:
     lines += [
         f"{key} = {_toml(getattr(study, key))}" for key in ("budget", "held_out", "illustrate", "rank_by")
     ]
+    lines += [f"{key} = true" for key in ("seed_per_world", "lockstep") if getattr(study, key)]
+    if study.curve:
+        lines.append(f"curve = {_toml(list(study.curve))}")
     if study.display:
         lines += ["", "[display]", *(f"{key} = {_toml(value)}" for key, value in study.display.items())]
     for success in study.success:
@@ -153,6 +160,9 @@ def study_toml(study: Any) -> str:
             f"below = {_toml(list(success.below))}",
         ]
         lines.append(f"labels = {_toml(list(success.labels))}")
+    if study.groups:
+        lines += ["", "[groups]"]
+        lines += [f"{_toml(name)} = {_toml(labels)}" for name, labels in study.groups.items()]
     for label, scenario in study.scenarios.items():
         lines += ["", f"[scenarios.{_toml(label)}]"]
         lines += [f"{key} = {_toml(value)}" for key, value in scenario.items() if value is not None]
@@ -167,6 +177,9 @@ def study_toml(study: Any) -> str:
         lines += ["", "[[solvers]]", f"name = {_toml(entry.name)}", f"label = {_toml(entry.label)}"]
         if entry.settings:
             lines.append(f"settings = {_toml(entry.settings)}")
+    for value in study.printed:
+        lines += ["", "[[printed]]"]
+        lines += [f"{key} = {_toml(item)}" for key, item in asdict(value).items() if item not in (None, "")]
     return "\n".join(lines) + "\n"
 
 

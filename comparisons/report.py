@@ -15,10 +15,17 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
+from comparisons.curve_figure import curve_picture
+from comparisons.curves import curve_table, places_of_long_curves, study_curves
 from comparisons.drawing import UNAIDED
 from comparisons.effects import effect_table
 from comparisons.effects_page import WORDS, effect_cells, effect_groups, effect_notes, forest
 from comparisons.figures import convergence, error_boxes, map_picture, render, solver_styles
+from comparisons.overall import NOTE as RANK_NOTE
+from comparisons.overall import OverallRanks, overall_cells, overall_frame, overall_ranks, overall_words
+from comparisons.overall_figure import rank_picture
+from comparisons.printed import NOTE as PRINTED_NOTE
+from comparisons.printed import printed_cells, printed_sources, printed_table
 from comparisons.provenance import checksums, commands, facts, in_words, solver_rows, study_toml
 from comparisons.statistics import FAILURES, REFERENCES, ranked_table, reference_errors, success_columns
 from comparisons.wording import Display, cells, format_number, notes, reference_cells, smallest_p
@@ -34,8 +41,9 @@ def write_report(store: Any, path: str | Path | None = None) -> Path:
     """Write the report of a study from its store.
 
     The page holds its pictures and style itself, asks nothing of any network, and is byte-identical for
-    the same store. ``table.csv`` (the ranked table), ``runs.csv`` (every run) and, of an ablation,
-    ``effects.csv`` are written beside it.
+    the same store. ``table.csv`` (the ranked table) and ``runs.csv`` (every run) are written beside it,
+    and where there is something to say, ``effects.csv`` (of an ablation), ``printed.csv`` (printed values
+    beside ours), ``curves.csv`` (scores along curves) and ``ranks.csv`` (ranks over all scenarios).
     Each file is replaced as a whole, so that a reader never sees half of one.
 
     Parameters
@@ -61,11 +69,28 @@ def write_report(store: Any, path: str | Path | None = None) -> Path:
     study, runs = store.study, store.runs()
     table = ranked_table(runs, study)
     effects = effect_table(runs, study) if study.ablation and len(runs) else None
-    context = {**_context(store, study, runs, table), "effects": _effects(effects, study)}
+    printed = printed_table(runs, study) if study.printed else None
+    overall = overall_ranks(runs, study, table=table)
+    curves = curve_table(table, study) if study.curve and len(runs) else None
+    context = {
+        **_context(store, study, runs, table),
+        "effects": _effects(effects, study),
+        "printed": _printed(printed, study),
+        "curves": _curves(curves, study),
+        "overall": [_overall(one, study) for one in overall],
+        "rank_note": RANK_NOTE,
+    }
     page = _environment().get_template("report.html.j2").render(context)
     _write(target, page)
     if effects is not None:
         _write(target.with_name("effects.csv"), effects.to_csv(index=False, lineterminator="\n"))
+    if printed is not None:
+        _write(target.with_name("printed.csv"), printed.to_csv(index=False, lineterminator="\n"))
+    if curves is not None:
+        _write(target.with_name("curves.csv"), curves.to_csv(index=False, lineterminator="\n"))
+    if overall:
+        frame = overall_frame(overall)
+        _write(target.with_name("ranks.csv"), frame.to_csv(index=False, lineterminator="\n"))
     _write(target.with_name("table.csv"), table.to_csv(index=False, lineterminator="\n"))
     _write(target.with_name("runs.csv"), _flat(runs).to_csv(index=False, lineterminator="\n"))
     return target
@@ -82,6 +107,8 @@ def _environment() -> Environment:
 
 
 def _context(store: Any, study: Any, runs: pd.DataFrame, table: pd.DataFrame) -> dict[str, Any]:
+    traces, beyond = store.traces(), places_of_long_curves(study)
+    shown = [label for label in study.scenarios if label not in beyond]
     planned = len(study.scenarios) * len(study.worlds) * len(study.solvers) * len(study.seeds)
     failed = int(runs["status"].isin(FAILURES).sum()) if len(runs) else 0
     return {
@@ -90,9 +117,10 @@ def _context(store: Any, study: Any, runs: pd.DataFrame, table: pd.DataFrame) ->
         "planned": planned,
         "finished": len(runs),
         "failed": failed,
-        "findings": [text for scenario in study.scenarios for text in _findings(table, study, scenario)],
+        "findings": [text for scenario in shown for text in _findings(table, study, scenario)],
         "facts": facts(store, study, runs),
-        "scenarios": [_scenario(store, study, runs, table, label) for label in study.scenarios],
+        "scenarios": [_scenario(store, study, runs, traces, table, label) for label in shown],
+        "beyond": len(beyond),
         "failures": _failures(runs),
         "invalid": _invalid(runs),
         "solvers": solver_rows(study, runs),
@@ -131,7 +159,14 @@ def _findings(table: pd.DataFrame, study: Any, scenario: str, *, significance: f
     return [text + f"; not told apart from it: {', '.join(ties)}."]
 
 
-def _scenario(store: Any, study: Any, runs: pd.DataFrame, table: pd.DataFrame, label: str) -> dict[str, Any]:
+def _scenario(
+    store: Any,
+    study: Any,
+    runs: pd.DataFrame,
+    traces: dict[str, np.ndarray],
+    table: pd.DataFrame,
+    label: str,
+) -> dict[str, Any]:
     display = Display.of(study)
     labels = [name for name, _, _ in success_columns(study)]
     here = table[table["scenario"] == label]
@@ -148,7 +183,8 @@ def _scenario(store: Any, study: Any, runs: pd.DataFrame, table: pd.DataFrame, l
         rows.append({"cells": extra, "solver": None, "best": False, "reference": True})
     done = bool(len(runs)) and bool((runs["scenario"] == label).any())
     pictures = []
-    if done:
+    # the places of a curve, which may be hundreds, have its picture
+    if done and not any(label in curve.scenarios for curve in study_curves(study)):
         pictures = [
             _picture(
                 error_boxes(runs, study, scenario=label, table=table),
@@ -157,9 +193,10 @@ def _scenario(store: Any, study: Any, runs: pd.DataFrame, table: pd.DataFrame, l
                 "runs; each dot is a world.",
             ),
             _picture(
-                convergence(store, scenario=label),
+                convergence(store, scenario=label, runs=runs, traces=traces),
                 f"Best loss so far against cost in scenario {label}",
-                "Convergence: median and quartile band of the best loss over worlds and seeds. The last "
+                "Convergence: median and quartile band of the best loss over worlds and seeds (above the "
+                "minimum, where that is known; differences below 1e−16 are drawn there). The last "
                 "marker of a line is where the median run stops spending; the thin line holds its value.",
             ),
         ]
@@ -202,6 +239,53 @@ def _effects(table: pd.DataFrame | None, study: Any) -> dict[str, Any] | None:
         "picture": picture,
         "words": WORDS,
         "notes": effect_notes(table, study),
+    }
+
+
+def _printed(table: pd.DataFrame | None, study: Any) -> dict[str, Any] | None:
+    """Return the section on printed values; None where the study has none."""
+    if table is None:
+        return None
+    groups = []
+    for source, part in printed_sources(table):
+        cells = printed_cells(part, study)
+        rows = cells.to_numpy().tolist()
+        notes = [note for note in dict.fromkeys(part["note"]) if note]
+        groups.append({"source": source, "columns": list(cells.columns), "rows": rows, "notes": notes})
+    return {"groups": groups, "note": PRINTED_NOTE, "words": ("scenario", "solver", "of", "verdict")}
+
+
+def _curves(table: pd.DataFrame | None, study: Any) -> list[dict[str, Any]]:
+    """Return the pictures of the curves that have been run."""
+    if table is None:
+        return []
+    return [
+        _picture(
+            curve_picture(table, study, curve=k),
+            f"Curves of the {Display.of(study).label} of each solver against {curve.axis[1]}",
+            f"{', '.join(filter(None, (curve.axis[1], curve.label)))}: median and quartiles over all runs; "
+            "where there are worlds enough also shares, with their 95 % intervals.",
+        )
+        for k, curve in enumerate(study_curves(study))
+        if (table.loc[table["curve"] == k, "runs"] > 0).any()
+    ]
+
+
+def _overall(overall: OverallRanks, study: Any) -> dict[str, Any]:
+    """Return the section on the ranks over one group of scenarios."""
+    cells = overall_cells(overall)
+    picture = _picture(
+        rank_picture(overall, study),
+        f"Mean ranks of the solvers over {overall.group} with Nemenyi's critical difference",
+        "Mean ranks, half the critical difference to either side: bars that do not overlap differ "
+        "significantly. The band is the reach of the first; small dots are ranks in single scenarios.",
+    )
+    return {
+        "group": overall.group,
+        "columns": list(cells.columns),
+        "rows": cells.to_numpy().tolist(),
+        "words": overall_words(overall),
+        "picture": picture,
     }
 
 

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Collection, Generator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from comparisons.lockstep import execute_together, groups
 from comparisons.planning import check_names, plan
-from comparisons.pool import WorkerPool, available_cpus
+from comparisons.pool import WorkerPool, worker_count
 from comparisons.progress import Reporter
 from comparisons.store import ResultsStore, RunRecord
 from comparisons.study import RunSpec, Study
 from comparisons.worker import World, execute
-from navopt.errors import InvalidInput, UnknownName
+from navopt.errors import UnknownName
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = ["Summary", "check_score_names", "run_study"]
+__all__ = ["Summary", "check_score_names", "execute_all", "execute_missing", "run_study"]
 
 
 @dataclass(frozen=True)
@@ -92,49 +93,100 @@ def run_study(
     Results do not depend on the number of workers. Workers have one BLAS and one numba thread; with
     ``workers=1`` the libraries keep the threads that this process gave them.
     """
-    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
-        raise InvalidInput("workers", workers, "give a whole number, at least 1, or None for all processors")
-    started = time.monotonic()
+    started, workers = time.monotonic(), worker_count(workers)
     check_names(study, "study")
     runs = plan(study, "study")
     with ResultsStore.open_for_study(out, study, runs) as store:
-        statuses = store.statuses()
-        todo = [
-            spec
-            for spec in runs
-            if spec.key not in statuses or (retry_failed and statuses[spec.key] == "failed")
-        ]
         known_scores = store.score_names()
         checked: set[str] = set()
         if known_scores is not None:
             check_score_names(study, known_scores)
-        n_workers = workers if workers is not None else available_cpus()
         missing = _illustrations(study, runs) - store.illustrated()
-        by_key = {spec.key: spec for spec in todo}
-        with (
-            Reporter(study, runs, todo, statuses, n_workers, console) as reporter,
-            closing(_records(todo, n_workers, missing)) as records,
-        ):
-            for record in records:
-                store.add(record)
-                if record.illustration is not None:
-                    missing.discard(record.world_key)
-                reporter.finished(by_key[record.key], record)
-                problem = by_key[record.key].problem
-                if problem not in checked and record.status != "failed":
-                    # the first result knows the names of the scores: better now than after the last run
-                    checked.add(problem)
-                    check_score_names(study, set(record.scores))
-        elapsed = time.monotonic() - started
-        if todo:
-            store.note(last_run={"elapsed_s": elapsed, "workers": n_workers, "executed": len(todo)})
+
+        def finished(spec: RunSpec, record: RunRecord) -> None:
+            if record.illustration is not None:
+                missing.discard(record.world_key)
+            if spec.problem not in checked and record.status != "failed":
+                # the first result knows the names of the scores: better now than after the last run
+                checked.add(spec.problem)
+                check_score_names(study, set(record.scores))
+
+        executed = execute_missing(
+            store,
+            study,
+            runs,
+            workers=workers,
+            retry_failed=retry_failed,
+            console=console,
+            missing=missing,
+            lockstep=study.lockstep,
+            finished=finished,
+        )
         after = store.statuses()
     failed = sum(after.get(spec.key) == "failed" for spec in runs)
-    return Summary(len(runs), len(runs) - len(todo), len(todo), failed, elapsed)
+    elapsed = time.monotonic() - started
+    return Summary(len(runs), len(runs) - executed, executed, failed, elapsed)
+
+
+def execute_missing(
+    store: ResultsStore,
+    study: Study,
+    runs: list[RunSpec],
+    *,
+    workers: int,
+    retry_failed: bool = False,
+    console: Console | None = None,
+    missing: Collection[str] = (),
+    lockstep: bool = False,
+    finished: Callable[[RunSpec, RunRecord], None] | None = None,
+) -> int:
+    """Execute the runs that a store does not hold and put each into it as it ends.
+
+    Parameters
+    ----------
+    store : ResultsStore
+        The store, open for `study`.
+    study : Study
+        Whose runs they are.
+    runs : list of RunSpec
+        All runs that the store shall hold.
+    workers : int
+        Number of processes.
+    retry_failed, console
+        As in `run_study`.
+    missing, lockstep
+        As in `execute_all`.
+    finished : callable, optional
+        Told of every run and its record, once that is stored.
+
+    Returns
+    -------
+    int
+        Number of runs that were executed.
+    """
+    started = time.monotonic()
+    statuses = store.statuses()
+    todo = [
+        spec for spec in runs if spec.key not in statuses or (retry_failed and statuses[spec.key] == "failed")
+    ]
+    by_key = {spec.key: spec for spec in todo}
+    with (
+        Reporter(study, runs, todo, statuses, workers, console) as reporter,
+        closing(execute_all(todo, workers, missing, lockstep=lockstep)) as records,
+    ):
+        for record in records:
+            store.add(record)
+            reporter.finished(by_key[record.key], record)
+            if finished is not None:
+                finished(by_key[record.key], record)
+    if todo:
+        elapsed = time.monotonic() - started
+        store.note(last_run={"elapsed_s": elapsed, "workers": workers, "executed": len(todo)})
+    return len(todo)
 
 
 def check_score_names(study: Study, scores: set[str]) -> None:
-    """Refuse a study that ranks or counts matches by a score that its runs do not have.
+    """Refuse a study that names a score which its runs do not have.
 
     Raises
     ------
@@ -142,7 +194,11 @@ def check_score_names(study: Study, scores: set[str]) -> None:
         Naming the scores there are.
     """
     known = {*scores, "loss"}
-    wanted = [("rank_by", study.rank_by), *(("score of success", s.score) for s in study.success)]
+    wanted = [
+        ("rank_by", study.rank_by),
+        *(("score of success", s.score) for s in study.success),
+        *(("score of a printed value", value.score) for value in study.printed),
+    ]
     for argument, score in wanted:
         if score not in known:
             raise UnknownName(argument, score, known)
@@ -154,14 +210,36 @@ def _illustrations(study: Study, runs: list[RunSpec]) -> set[str]:
     return {spec.world_key for spec in runs if spec.world in kept}
 
 
-def _records(todo: list[RunSpec], n_workers: int, missing: set[str]) -> Generator[RunRecord, None, None]:
-    """Yield records as they come; `missing` shrinks as illustrations arrive."""
-    if n_workers == 1:
-        return _here(todo, missing)
-    return WorkerPool(n_workers, lambda spec: spec.world_key in missing).records(todo)
+def execute_all(
+    todo: list[RunSpec], workers: int, missing: Collection[str] = (), *, lockstep: bool = False
+) -> Generator[RunRecord, None, None]:
+    """Execute runs and yield their records as they come.
 
+    Parameters
+    ----------
+    todo : list of RunSpec
+        The runs.
+    workers : int
+        Number of processes; with 1 everything runs in this one.
+    missing : collection of str
+        World keys whose illustration is still wanted; asked before each run, so it may shrink meanwhile.
+    lockstep : bool, keyword-only
+        Whether runs that differ in their seeds only advance together where they can.
 
-def _here(todo: list[RunSpec], missing: set[str]) -> Generator[RunRecord, None, None]:
+    Yields
+    ------
+    RunRecord
+    """
+    together, alone = groups(todo) if lockstep else ([], todo)
+    if workers > 1:
+        yield from WorkerPool(workers, lambda spec: spec.world_key in missing).records([*together, *alone])
+        return
+    for group in together:
+        records = execute_together(group, illustrate=missing)
+        if records is None:
+            alone = [*alone, *group.runs]
+        else:
+            yield from records
     world = World()
-    for spec in todo:
+    for spec in alone:
         yield execute(spec, world, illustrate=spec.world_key in missing)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = [
     "compare_with_best",
     "holm",
+    "opened",
     "print_ranked",
     "quantile",
     "ranked_table",
@@ -44,6 +45,21 @@ FOLDED = 12
 PRINT_WIDTH = 110
 #: Statuses whose run counts as a failure, whatever it left behind.
 FAILURES = ("failed", "invalid")
+
+
+def opened(store_or_runs: Any, study: Any, scenario: str) -> tuple[pd.DataFrame, Any]:
+    """Runs and study of a store or of given runs, the scenario being one of the study's.
+
+    Raises
+    ------
+    UnknownName
+        If it is none.
+    """
+    runs = store_or_runs if isinstance(store_or_runs, pd.DataFrame) else store_or_runs.runs()
+    study = study if study is not None else store_or_runs.study
+    if scenario not in study.scenarios:
+        raise UnknownName("scenario", scenario, study.scenarios)
+    return runs, study
 
 
 def run_scores(runs: pd.DataFrame, key: str) -> pd.Series:
@@ -289,6 +305,13 @@ def print_ranked(store: Any, console: Console | None = None, *, significance: fl
     width = min(console.width, PRINT_WIDTH)
     study, display = store.study, Display.of(store.study)
     table = ranked_table(store, significance=significance)
+    if study.curve:
+        from comparisons.curves import places_of_long_curves
+
+        table = table[~table["scenario"].isin(places_of_long_curves(study))].reset_index(drop=True)
+        if table.empty:
+            console.print("The scores along the curves are in the report.")
+            return
     labels = [label for label, _, _ in success_columns(study)]
     printed = {
         scenario: cells(part, labels, display) for scenario, part in table.groupby("scenario", sort=False)

@@ -14,107 +14,14 @@ from pathlib import Path
 from typing import Any
 
 from comparisons.ablation_design import Design
+from comparisons.entries import Printed, RunSpec, SolverEntry, Success
 from comparisons.study_file import parse, read_toml
 from navopt.errors import InvalidInput, UnknownName
 
-__all__ = ["RunSpec", "SolverEntry", "Study", "Success", "list_studies", "study_title"]
+__all__ = ["Printed", "RunSpec", "SolverEntry", "Study", "Success", "list_studies", "study_title"]
 
 #: Keys of `Study.display`: factor on the score, the unit it then has, and what the score is called.
 DISPLAY_KEYS = ("label", "scale", "unit")
-
-
-@dataclass(frozen=True)
-class SolverEntry:
-    """One competitor of a study.
-
-    Attributes
-    ----------
-    name : str
-        Registered solver.
-    label : str
-        What the study calls it; unique in the study, `name` by default.
-    settings : dict
-        Keywords of the solver; those not given keep its defaults.
-    """
-
-    name: str
-    label: str = ""
-    settings: dict[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "label", self.label or self.name)
-        object.__setattr__(self, "settings", dict(self.settings))
-
-
-@dataclass(frozen=True)
-class Success:
-    """When a run counts as a match: its score below a threshold.
-
-    Attributes
-    ----------
-    score : str
-        Score key, or ``"loss"``.
-    below : tuple of float
-        Thresholds, in the unit of the score.
-    labels : tuple of str
-        What to call each threshold; ``< value`` by default.
-    """
-
-    score: str
-    below: tuple[float, ...]
-    labels: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "below", tuple(float(value) for value in self.below))
-        object.__setattr__(self, "labels", tuple(self.labels) or tuple(f"< {v:g}" for v in self.below))
-        if not self.below or len(self.labels) != len(self.below):
-            raise InvalidInput("success", (self.below, self.labels), "give one label for each threshold")
-
-
-@dataclass(frozen=True)
-class RunSpec:
-    """One run of a study: everything a worker needs to repeat it.
-
-    Attributes
-    ----------
-    key : str
-        SHA-256 of everything the result depends on.
-    world_key : str
-        The same for the world alone, shared by all runs on it.
-    scenario_label : str
-        What the study calls the scenario.
-    scenario : dict
-        Keywords of the problem's ``simulate``.
-    world : int
-        Seed of the world.
-    solver_label : str
-        What the study calls the solver.
-    solver : str
-        Registered solver.
-    settings : dict
-        Keywords of the solver as the study gives them.
-    seed : int
-        Seed of the solver.
-    problem : str
-        Registered problem.
-    budget : int
-        Largest cost.
-    held_out : int
-        Number of redrawn twins that the solution is applied to.
-    """
-
-    key: str
-    world_key: str
-    scenario_label: str
-    scenario: dict[str, Any]
-    world: int
-    solver_label: str
-    solver: str
-    settings: dict[str, Any]
-    seed: int
-    problem: str
-    budget: int
-    held_out: int = 0
 
 
 @dataclass(frozen=True)
@@ -138,6 +45,9 @@ class Study:
         Largest cost of each run.
     seeds : tuple of int, default (1,)
         Solver seeds on each world.
+    seed_per_world : bool, default False
+        Each world has one solver seed of its own, the world's plus one, in place of `seeds`: where all
+        worlds are alike (a function that is not disguised), runs differ by nothing else.
     title, description : str
         For the report.
     rank_by : str, default "loss"
@@ -150,6 +60,15 @@ class Study:
         Number of redrawn twins that each solution is applied to.
     illustrate : int, default 1
         Number of worlds per scenario whose illustration is kept.
+    lockstep : bool, default False
+        Runs of a swarm that differ in their seeds only advance together: the same results in a fraction
+        of the time, see `comparisons.lockstep`.
+    groups : dict of str to tuple of str
+        Scenarios, by their labels, over which solvers are ranked together; all of them if empty.
+    printed : tuple of Printed
+        Numbers of publications to stand beside those of the study.
+    curve : tuple of str
+        Keywords of the scenarios over which the report draws the scores, see `comparisons.curves`.
     ablation : dict
         What the study takes apart, as `comparisons.ablation_design.Design` has it; empty for a comparison.
 
@@ -158,7 +77,7 @@ class Study:
     InvalidInput
         If a value cannot be used.
     UnknownName
-        If `display` has an unknown key.
+        If `display` has an unknown key, or a group or printed value names an unknown scenario or solver.
     """
 
     name: str
@@ -175,6 +94,11 @@ class Study:
     success: tuple[Success, ...] = ()
     held_out: int = 0
     illustrate: int = 1
+    seed_per_world: bool = False
+    lockstep: bool = False
+    groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    printed: tuple[Printed, ...] = ()
+    curve: tuple[str, ...] = ()
     ablation: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -189,6 +113,11 @@ class Study:
             "seeds": tuple(self.seeds),
             "display": dict(self.display),
             "success": tuple(self.success),
+            "groups": {name: tuple(labels) for name, labels in self.groups.items()},
+            "curve": tuple(self.curve),
+            "printed": tuple(
+                value if value.score else replace(value, score=self.rank_by) for value in self.printed
+            ),
             "title": self.title or self.name,
         }
         for key, value in plain.items():
@@ -204,15 +133,47 @@ class Study:
         _whole("budget", self.budget, 1)
         _whole("held_out", self.held_out, 0)
         _whole("illustrate", self.illustrate, 0)
+        if self.seed_per_world and (self.seeds != (1,) or self.ablation):
+            raise InvalidInput(
+                "seed_per_world", True, "leave out seeds; an ablation pairs its runs by their seeds"
+            )
         for key in self.display:
             if key not in DISPLAY_KEYS:
                 raise UnknownName("display", key, DISPLAY_KEYS)
+        self._check_labels()
+        _distinct("curve", self.curve)
+        if self.curve:
+            from comparisons.curves import study_curves
+
+            study_curves(self)
         for name, pair in self.ablation.get("contrasts", {}).items():
             for label in pair:
                 if label not in self.scenarios:
                     raise UnknownName(f"scenario of contrast {name!r}", label, self.scenarios)
             if self.rank_by == "loss":
                 raise InvalidInput("rank_by", "loss", "losses of two scenarios do not compare: name a score")
+
+    def _check_labels(self) -> None:
+        """Refuse groups and printed values of scenarios or solvers that the study does not have."""
+        for name, labels in self.groups.items():
+            if not labels:
+                raise InvalidInput(f"groups.{name}", [], "name at least one scenario")
+            _distinct(f"groups.{name}", labels)
+            for label in labels:
+                if label not in self.scenarios:
+                    raise UnknownName(f"scenario of groups.{name}", label, self.scenarios)
+        solvers = [entry.label for entry in self.solvers]
+        for value in self.printed:
+            if value.scenario not in self.scenarios and value.scenario not in self.groups:
+                known = [*self.scenarios, *self.groups]
+                raise UnknownName("scenario of a printed value", value.scenario, known)
+            if value.solver not in solvers:
+                raise UnknownName("solver of a printed value", value.solver, solvers)
+        same = [
+            f"{v.source}: {v.solver!r} in {v.scenario!r}, {v.score} {v.statistic} {v.below or ''}".strip()
+            for v in self.printed
+        ]
+        _distinct("printed", tuple(same))
 
     # -- where studies come from -----------------------------------------------------------------
     @classmethod
@@ -223,9 +184,13 @@ class Study:
         ----------
         path : path-like
             A TOML file; the keys are the attributes of this class, with ``[scenarios."label"]``,
-            ``[[solvers]]``, ``[[success]]`` and ``[display]`` tables. ``worlds`` is a list of seeds, or a
-            count together with ``first_world`` (0 by default). An ``[ablation]`` table makes the solvers;
-            values that its base has anyway are left out.
+            ``[[solvers]]``, ``[[success]]``, ``[[printed]]``, ``[groups]`` and ``[display]`` tables.
+            Where a keyword named by ``curve`` has a list of numbers, the scenario stands for one with each,
+            their values after its label, and its label for all of them in ``[groups]``.
+            ``worlds`` is a list of seeds, or a count together with ``first_world`` (0 by default). In a
+            ``[[printed]]`` table, ``values`` may stand for ``solver`` and ``value``, a table from solvers
+            to their values. An ``[ablation]`` table makes the solvers; values that its base has anyway are
+            left out.
 
         Returns
         -------
@@ -268,6 +233,7 @@ class Study:
         try:
             values["solvers"] = tuple(SolverEntry(**entry) for entry in values["solvers"])
             values["success"] = tuple(Success(**entry) for entry in values["success"])
+            values["printed"] = tuple(Printed(**entry) for entry in values["printed"])
             return cls(**values)
         except UnknownName as error:
             raise UnknownName(f"{source}: {error.argument}", error.value.strip("'\""), error.known) from None
@@ -309,6 +275,10 @@ class Study:
         """Solvers that are not variants of `ablation`; all of them without one."""
         made = _variants(Design.from_table(self.ablation)) if self.ablation else ()
         return tuple(entry for entry in self.solvers if entry not in made)
+
+    def seeds_of(self, world: int) -> tuple[int, ...]:
+        """Solver seeds on a world."""
+        return (world + 1,) if self.seed_per_world else self.seeds
 
     def place(self, scenario: str) -> tuple[str, dict[str, Any]]:
         """Registered problem of a scenario, by its label, and the keywords of its ``simulate``."""

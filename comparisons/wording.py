@@ -206,6 +206,12 @@ def notes(table: pd.DataFrame, study: Any, *, significance: float = 0.05, brief:
             "The loss ranks: only solvers whose answer is a decision vector can be compared by it, not those "
             "that attach an estimate of their own."
         )
+    if study.lockstep:
+        said.append(
+            "Runs of a swarm that differ only in their seeds advanced together where they could: the results "
+            "are those of single runs, but the time of each is an equal share of its group's, which is far "
+            "less than a run alone takes. Times of such solvers and of the others do not compare."
+        )
     if brief:
         return said
     said += [

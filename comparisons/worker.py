@@ -1,6 +1,7 @@
 """One run of a study, and the process that executes runs one after another.
 
-The parent sends one `RunSpec` at a time and receives one `RunRecord`; it alone writes to the store.
+The parent sends one `RunSpec` at a time and receives one `RunRecord`, or a `RunGroup` and a list of them;
+it alone writes to the store.
 """
 
 from __future__ import annotations
@@ -17,18 +18,20 @@ from typing import Any
 
 import numpy as np
 
+from comparisons.entries import RunGroup, RunSpec
 from comparisons.run_key import versions
 from comparisons.store import RunRecord
-from comparisons.study import RunSpec
 from navopt import registry
 from navopt.problem import EstimationProblem
 from navopt.solution import Solution
 from navopt.solving import solve
 
-__all__ = ["READY", "World", "describe", "execute", "failed_record", "serve"]
+__all__ = ["READY", "REFUSED", "World", "describe", "execute", "failed_record", "record_of", "serve"]
 
 #: First message of a worker: it has started and imported everything.
 READY = "ready"
+#: Answer to a group of runs that cannot advance together: they will come one by one.
+REFUSED = "refused"
 #: Budget of a solver's unrecorded first run on a process.
 WARM_UP_COST = 50
 #: Twins are drawn from seeds far from those of worlds, so that no twin repeats a world's own noise.
@@ -101,7 +104,7 @@ def execute(spec: RunSpec, world: World, *, illustrate: bool = False) -> RunReco
             # half a run must not pass for a whole one
             raise KeyboardInterrupt
         held_out = [solution.apply(twin) for twin in twins]
-        return _record(spec, solution, held_out, picture)
+        return record_of(spec, solution, held_out, picture)
     except Exception as error:
         return failed_record(spec, describe(error), illustration=picture)
 
@@ -136,12 +139,29 @@ def failed_record(
     )
 
 
-def _record(
+def record_of(
     spec: RunSpec,
     solution: Solution,
     held_out: list[dict[str, float]],
     illustration: dict[str, np.ndarray] | None,
 ) -> RunRecord:
+    """Record of a finished run.
+
+    Parameters
+    ----------
+    spec : RunSpec
+        The run.
+    solution : Solution
+        What it found.
+    held_out : list of dict
+        Scores on each redrawn twin.
+    illustration : dict of str to ndarray or None
+        Picture of the world, where it was asked for.
+
+    Returns
+    -------
+    RunRecord
+    """
     counts = {name: int(value) for name, value in dataclasses.asdict(solution.counts).items()}
     return RunRecord(
         key=spec.key,
@@ -188,6 +208,8 @@ def _json(value: Any) -> Any:
 
 def serve(channel: connection.Connection) -> None:
     """Body of a worker process: execute what arrives on `channel` until it closes."""
+    from comparisons.lockstep import execute_together
+
     # Ctrl-C reaches the whole group; the parent decides what it means
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -195,8 +217,11 @@ def serve(channel: connection.Connection) -> None:
     try:
         channel.send(READY)
         while True:
-            spec, illustrate = channel.recv()
-            channel.send(execute(spec, world, illustrate=illustrate))
+            work, illustrate = channel.recv()
+            if isinstance(work, RunGroup):
+                channel.send(execute_together(work, illustrate=illustrate) or REFUSED)
+            else:
+                channel.send(execute(work, world, illustrate=illustrate))
     except (EOFError, OSError):
         return  # the parent has closed the channel or is gone
 

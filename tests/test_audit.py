@@ -17,7 +17,6 @@ import navopt
 from comparisons import cli
 from comparisons.audit import REFERENCES, Audit, AuditResult, run_audit
 from comparisons.audit_figures import bias_figure, family_figure
-from comparisons.audit_lockstep import execute_together, groups
 from comparisons.audit_measures import (
     BOOTSTRAP_RESAMPLES,
     BOOTSTRAP_SEED,
@@ -33,7 +32,7 @@ from comparisons.audit_suite import BIASES, FAMILIES, FUNCTIONS, Case, cases
 from comparisons.audit_wording import sentence
 from comparisons.store import ResultsStore
 from comparisons.study import SolverEntry
-from comparisons.worker import World, execute
+from comparisons.worker import execute
 from navopt import registry
 from navopt.algorithms.random_search import RandomSearch
 from navopt.errors import InvalidInput, StoreError, UnknownName, UnsuitableProblem
@@ -325,9 +324,9 @@ def test_an_audit_continues_and_shares_the_references(tmp_path, monkeypatch):
     small["references"] = ("random-search",)
     ran = []
     monkeypatch.setattr(
-        "comparisons.audit.execute", lambda spec, world: ran.append(spec) or execute(spec, world)
+        "comparisons.runner.execute", lambda spec, *a, **k: ran.append(spec) or execute(spec, *a, **k)
     )
-    monkeypatch.setattr("comparisons.audit.groups", lambda runs: ([], list(runs)))
+    monkeypatch.setattr("comparisons.runner.groups", lambda runs: ([], list(runs)))
     first = run_audit("foa", **small)
     # ackley: plain and shifted; zettl: plain, origin and shifted
     assert len(ran) == 2 * 6 * 5
@@ -347,35 +346,20 @@ def test_an_audit_continues_and_shares_the_references(tmp_path, monkeypatch):
         run_audit("foa", **{**small, "out": tmp_path / "other"})
 
 
-@pytest.mark.parametrize("name", ["foa:published", "ifoa-2020", "abc", "nafsa"])
-@pytest.mark.parametrize("budget", [160, 173])
-def test_runs_together_equal_runs_alone_bit_for_bit(name, budget):
-    audit = Audit(name, references=(), functions=("ackley",), dimensions=(3,), seeds=6, budget=budget,
-                  biases=("corner",))  # fmt: skip
-    together, others = groups(audit.runs())
-    assert not others
-    assert len(together) == 3
-    alone = World()
-    for spec, record in zip(together[1], execute_together(together[1]), strict=True):
-        single = execute(spec, alone)
-        for field in ("key", "world_key", "status", "settings", "loss", "counts", "scores", "message"):
-            assert getattr(record, field) == getattr(single, field), field
-        np.testing.assert_array_equal(record.x, single.x)
-        for column in ("cost", "loss"):
-            np.testing.assert_array_equal(record.trace[column], single.trace[column])
-
-
-def test_what_cannot_run_together_runs_alone():
+def test_an_audit_takes_runs_together_where_it_can(monkeypatch):
+    alone = []
+    monkeypatch.setattr(
+        "comparisons.runner.execute", lambda spec, *a, **k: alone.append(spec) or execute(spec, *a, **k)
+    )
     audit = Audit(
-        ["abc:update=sequential", "random-search", "foa:pop_size=50"], references=(), functions=("ackley",),
-        dimensions=(2,), seeds=6, budget=40, biases=("corner",),
+        ["abc", "abc:update=sequential", "random-search", "foa:pop_size=50"], references=(),
+        functions=("ackley",), dimensions=(2,), seeds=6, budget=40, biases=("corner",),
     )  # fmt: skip
-    together, others = groups(audit.runs())
-    assert {spec.solver for spec in others} == {"abc", "random-search"}
-    assert execute_together(together[0]) is None  # the budget ends within the first batch
     gaps = run_audit(audit, workers=1).gaps
-    assert len(gaps) == 3 * 3 * 6
+    assert len(gaps) == 4 * 3 * 6
     assert (gaps["cost"] == 40).all()
+    # the budget of foa ends within its first batch
+    assert {spec.solver_label for spec in alone} == {entry.label for entry in audit.solvers} - {"abc"}
 
 
 @pytest.mark.usefixtures("plants")

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import enum
 import json
@@ -13,7 +14,7 @@ from study_tools import small_study, write_toml
 from comparisons import run_key
 from comparisons.run_key import canonical_json, digest
 from comparisons.study import SolverEntry, Study, Success, list_studies, study_title
-from navopt.errors import InvalidInput, UnknownName
+from navopt.errors import InvalidInput, MissingData, UnknownName
 
 
 def test_toml_and_python_give_the_same_study(tmp_path):
@@ -198,9 +199,11 @@ def test_embedded_studies_are_listed_and_well_formed():
     assert {"gravity-demo", "gravity-comparison"} <= set(names)
     for name in names:
         assert study_title(name)
-        study = Study.named(name)
-        assert study.name == name
-        assert study.runs()
+        # a study of recorded data has no run keys without the data
+        with contextlib.suppress(MissingData):
+            study = Study.named(name)
+            assert study.name == name
+            assert study.runs()
     with pytest.raises(UnknownName, match="gravity-demo"):
         Study.named("gravity-dem")
 

@@ -1,4 +1,4 @@
-"""Many seeds of one swarm algorithm at once: the same results as one by one, in a tenth of the time.
+"""Many seeds of one swarm algorithm at once: the same results as one by one, in a fraction of the time.
 
 A swarm algorithm's `move` and `select` are pure functions on arrays that broadcast over leading axes, so
 the runs of all seeds on one function advance together; only the drawing of random numbers and the
@@ -9,15 +9,16 @@ most of its time on functions as cheap as these.
 from __future__ import annotations
 
 import time
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from pymoo.core.termination import NoTermination
 
+from comparisons.entries import RunGroup, RunSpec
 from comparisons.store import RunRecord
-from comparisons.study import RunSpec
-from comparisons.worker import _record
+from comparisons.worker import World, record_of
 from navopt import registry
 from navopt.algorithms.swarm import SwarmAlgorithm
 from navopt.evaluation import BudgetSpent, CountingEvaluator
@@ -27,8 +28,11 @@ __all__ = ["execute_together", "groups"]
 
 Arrays = dict[str, np.ndarray]
 
+#: More runs at once hardly save more time, and a killed process loses them all.
+LARGEST_GROUP = 100
 
-def groups(runs: list[RunSpec]) -> tuple[list[list[RunSpec]], list[RunSpec]]:
+
+def groups(runs: list[RunSpec]) -> tuple[list[RunGroup], list[RunSpec]]:
     """Divide runs into groups that `execute_together` takes, and the others.
 
     Parameters
@@ -38,8 +42,9 @@ def groups(runs: list[RunSpec]) -> tuple[list[list[RunSpec]], list[RunSpec]]:
 
     Returns
     -------
-    together : list of list of RunSpec
-        Runs that differ in seeds only, of a swarm algorithm whose phases are whole batches.
+    together : list of RunGroup
+        Runs of one scenario that differ in their seeds only, of a swarm algorithm whose phases are whole
+        batches; at most `LARGEST_GROUP` in each.
     others : list of RunSpec
         The rest, in the order given.
     """
@@ -49,7 +54,14 @@ def groups(runs: list[RunSpec]) -> tuple[list[list[RunSpec]], list[RunSpec]]:
     for spec in runs:
         if spec.solver_label in suitable:
             grouped.setdefault((spec.solver_label, spec.scenario_label), []).append(spec)
-    return list(grouped.values()), [spec for spec in runs if spec.solver_label not in suitable]
+    together = [
+        RunGroup(tuple(group[k : k + LARGEST_GROUP]))
+        for group in grouped.values()
+        for k in range(0, len(group), LARGEST_GROUP)
+    ]
+    together = [group for group in together if len(group.runs) > 1]
+    taken = {spec.key for group in together for spec in group.runs}
+    return together, [spec for spec in runs if spec.key not in taken]
 
 
 def _synchronous(spec: RunSpec) -> bool:
@@ -63,45 +75,63 @@ def _synchronous(spec: RunSpec) -> bool:
     )
 
 
-def execute_together(specs: list[RunSpec]) -> list[RunRecord] | None:
-    """Carry out runs that differ in their seeds only.
+def execute_together(group: RunGroup, *, illustrate: Collection[str] = ()) -> list[RunRecord] | None:
+    """Carry out the runs of a group, which differ in their seeds only.
 
     Parameters
     ----------
-    specs : list of RunSpec
-        A group from `groups`.
+    group : RunGroup
+        One from `groups`.
+    illustrate : collection of str, keyword-only
+        World keys whose illustration is attached to the first run on them.
 
     Returns
     -------
     list of RunRecord or None
-        What `comparisons.worker.execute` gives for each, times apart; None where this way is not open: a
-        run ends within its first batch, something is raised, or the boxes differ.
+        What `comparisons.worker.execute` gives for each, times apart: each run has an equal share of the
+        time of the group. None where this way is not open: a run ends within its first batch, something
+        is raised, or the boxes differ.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        After Ctrl-C; half a group must not pass for a whole one.
     """
     started = time.perf_counter()
+    wanted, world, runs, extras = set(illustrate), World(), [], []
     try:
-        runs = [_begin(spec) for spec in specs]
+        for spec in group.runs:
+            problem, twins = world.enter(spec)
+            runs.append((_begin(spec, problem), problem))
+            picture = None
+            if spec.world_key in wanted:
+                wanted.remove(spec.world_key)
+                picture = {name: np.asarray(array) for name, array in problem.illustration().items()}
+            extras.append((twins, picture))
         state = _stacked(runs)
         if state is None:
             return None
         _advance(runs, state)
-        records = [
-            _record(
-                spec,
-                _conclude(algorithm, problem, "budget", budget=spec.budget, seed=spec.seed, target=None),
-                [],
-                None,
+        records = []
+        for spec, (algorithm, problem), (twins, picture) in zip(group.runs, runs, extras, strict=True):
+            solution = _conclude(
+                algorithm, problem, "budget", budget=spec.budget, seed=spec.seed, target=None
             )
-            for spec, (algorithm, problem) in zip(specs, runs, strict=True)
-        ]
+            records.append(record_of(spec, solution, [solution.apply(twin) for twin in twins], picture))
     except Exception:  # one run's fault must not be that of the others: each will show alone
         return None
-    each = (time.perf_counter() - started) / len(specs)
-    return [replace(record, elapsed_s=each) for record in records]
+    each = (time.perf_counter() - started) / len(records)
+    return [_timed(record, each, len(records)) for record in records]
 
 
-def _begin(spec: RunSpec) -> tuple[Any, Any]:
-    """Algorithm and problem after the first batch, exactly as `navopt.solve` comes there."""
-    problem = registry.simulate(spec.problem, spec.world, **spec.scenario)
+def _timed(record: RunRecord, elapsed_s: float, runs: int) -> RunRecord:
+    trace = record.trace.copy()
+    trace["elapsed_s"] /= runs
+    return replace(record, elapsed_s=elapsed_s, trace=trace)
+
+
+def _begin(spec: RunSpec, problem: Any) -> Any:
+    """Algorithm after the first batch, exactly as `navopt.solve` comes there."""
     algorithm: Any = registry.make_solver(spec.solver, **spec.settings)
     algorithm.evaluator = CountingEvaluator(budget=spec.budget, n_var=problem.n_var)
     algorithm.setup(problem, seed=spec.seed, termination=NoTermination())
@@ -110,7 +140,7 @@ def _begin(spec: RunSpec) -> tuple[Any, Any]:
     if algorithm.evaluator.remaining == 0:
         raise BudgetSpent
     algorithm._initialize_advance(first)
-    return algorithm, problem
+    return algorithm
 
 
 def _stacked(runs: list[tuple[Any, Any]]) -> Arrays | None:
