@@ -14,6 +14,8 @@ import typer
 from typer.core import TyperGroup
 
 from comparisons.audit_command import audit
+from comparisons.bbob_command import bbob
+from comparisons.match_command import match
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -157,6 +159,8 @@ def gravity_map(
 
 
 app.command("audit")(audit)
+app.command("bbob")(bbob)
+app.command("match")(match)
 
 
 def _region(text: str) -> tuple[float, float, float, float]:
@@ -192,6 +196,7 @@ def _conclude(folder: Path, summary: Summary) -> None:
         all_failed = summary.failed == summary.planned
         if not all_failed:
             print_ranked(store, console)
+            _print_comparisons(store, console)
             if store.study.ablation:
                 from comparisons.effects import effect_table
                 from comparisons.effects_page import print_effects
@@ -203,6 +208,15 @@ def _conclude(folder: Path, summary: Summary) -> None:
             _write_report(store, folder)
     if all_failed:
         raise typer.Exit(1)
+
+
+def _print_comparisons(store: Any, console: Console) -> None:
+    """Print printed values beside ours, and ranks over all scenarios, where there are any."""
+    from comparisons.overall import overall_ranks, print_overall
+    from comparisons.printed import print_printed
+
+    print_printed(store, console)
+    print_overall(overall_ranks(store), console)
 
 
 def _tell_failures(store: Any, summary: Summary) -> None:

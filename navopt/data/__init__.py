@@ -8,6 +8,11 @@ from navopt.lazy import lazy_names
 
 if TYPE_CHECKING:
     from navopt.data.egm2008 import free_air_anomaly as free_air_anomaly
+    from navopt.data.map_files import read_map as read_map
+    from navopt.data.recorded import RecordedTrack as RecordedTrack
+    from navopt.data.recorded import read_track as read_track
+    from navopt.data.ship_tracks import ShipTrack as ShipTrack
+    from navopt.data.ship_tracks import read_ship_csv as read_ship_csv
     from navopt.data.tracks import MeasuredTrack as MeasuredTrack
     from navopt.data.tracks import read_track_csv as read_track_csv
 
@@ -15,7 +20,12 @@ __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
         "MeasuredTrack": "navopt.data.tracks",
+        "RecordedTrack": "navopt.data.recorded",
+        "ShipTrack": "navopt.data.ship_tracks",
         "free_air_anomaly": "navopt.data.egm2008",
+        "read_map": "navopt.data.map_files",
+        "read_ship_csv": "navopt.data.ship_tracks",
+        "read_track": "navopt.data.recorded",
         "read_track_csv": "navopt.data.tracks",
     },
 )

@@ -15,29 +15,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from navopt.data.gravity_units import UNITS, plain_unit
 from navopt.errors import InvalidInput
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["EMBEDDED_DEGREES", "embedded_path", "grid_of", "read_grid", "write_grid"]
+__all__ = ["EMBEDDED_DEGREES", "embedded_path", "finished_grid", "grid_of", "read_grid", "write_grid"]
 
 #: Degrees of the gravity maps in this folder.
 EMBEDDED_DEGREES = (720, 2190)
 
 _LATITUDES = ("lat", "latitude", "y", "nav_lat")
 _LONGITUDES = ("lon", "longitude", "x", "nav_lon")
-# One unit in mGal, by a spelling without blanks, signs of power and capitals (mGal itself apart).
-_GRAVITY = {
-    "mgal": 1.0, "milligal": 1.0, "milligals": 1.0,
-    "gal": 1e3, "cm/s2": 1e3, "cms-2": 1e3,
-    "ugal": 1e-3, "µgal": 1e-3, "microgal": 1e-3,
-    "m/s2": 1e5, "ms-2": 1e5, "m/sec2": 1e5, "meter/second2": 1e5, "meters/second2": 1e5,
-    "mm/s2": 1e2, "mms-2": 1e2,
-    "um/s2": 0.1, "µm/s2": 0.1, "ums-2": 0.1, "µms-2": 0.1, "micrometer/second2": 0.1, "gu": 0.1,
-    "nm/s2": 1e-4, "nms-2": 1e-4,
-}  # fmt: skip
-
 Grid = tuple[np.ndarray, np.ndarray, np.ndarray, str]
 
 
@@ -156,7 +146,35 @@ def grid_of(dataset: xarray.Dataset, variable: str | None = None, *, unit: str |
         attributes = array.attrs
         field = array.values
         _check_registration(dataset, lat, lon)
-    values = _unpack(field, attributes)
+    return finished_grid(lat, lon, _unpack(field, attributes), attributes.get("units"), unit)
+
+
+def finished_grid(
+    lat: np.ndarray, lon: np.ndarray, values: np.ndarray, found_unit: Any, unit: str | None
+) -> Grid:
+    """Settle order, turn, seam, gaps and unit of a grid as it stands in a file.
+
+    Parameters
+    ----------
+    lat, lon : ndarray
+        Axes in degrees, in any order and turn.
+    values : ndarray, shape (n_latitude, n_longitude)
+        The field, NaN where there is none.
+    found_unit : object
+        Unit that the file states, or None.
+    unit : str, optional
+        What it is instead.
+
+    Returns
+    -------
+    latitude_deg, longitude_deg, values, unit
+        As for :func:`read_grid`.
+
+    Raises
+    ------
+    InvalidInput
+        As for :func:`read_grid`.
+    """
     latitude = _uniform("latitude", lat)
     longitude = _uniform("longitude", _unwrap(lon))
     if latitude[0] > latitude[-1]:
@@ -165,7 +183,7 @@ def grid_of(dataset: xarray.Dataset, variable: str | None = None, *, unit: str |
         longitude, values = longitude[::-1], values[:, ::-1]
     from navopt.models.field_map_checks import refuse_gaps
 
-    factor, label = _unit(attributes.get("units"), unit)
+    factor, label = _unit(found_unit, unit)
     refuse_gaps(values, latitude, longitude)
     # A map around the Earth without its first meridian repeated has a seam nobody asked for: close it.
     step = (longitude[-1] - longitude[0]) / (longitude.size - 1)
@@ -320,20 +338,9 @@ def _uniform(name: str, given: np.ndarray) -> np.ndarray:
 def _unit(found: Any, override: str | None) -> tuple[float, str]:
     """Factor to mGal and resulting label."""
     text = found if override is None else override
-    plain = "" if text is None else str(text).lower().replace("μ", "µ")
-    for old, new in (
-        ("²", "2"),
-        ("⁻", "-"),
-        ("**", ""),
-        ("^", ""),
-        ("·", ""),
-        ("*", ""),
-        (" ", ""),
-        (".", ""),
-    ):
-        plain = plain.replace(old, new)
-    if plain in _GRAVITY:
-        return _GRAVITY[plain], "mGal"
+    plain = "" if text is None else plain_unit(str(text))
+    if plain in UNITS:
+        return UNITS[plain], "mGal"
     if override is not None:
         return 1.0, override
     raise InvalidInput(

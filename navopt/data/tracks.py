@@ -27,6 +27,9 @@ class MeasuredTrack:
         Measured field value, in the map's unit (mGal for gravity).
     true_latitude, true_longitude : ndarray, shape (N,), or None
         Reference position, rad.
+    heading : ndarray, shape (N,), or None
+        Heading the INS indicates, clockwise from north, rad. It says how the sensors lay, so methods
+        that model their errors want it.
 
     Raises
     ------
@@ -40,6 +43,7 @@ class MeasuredTrack:
     measured: np.ndarray
     true_latitude: np.ndarray | None = None
     true_longitude: np.ndarray | None = None
+    heading: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         if (self.true_latitude is None) != (self.true_longitude is None):
@@ -73,7 +77,7 @@ class MeasuredTrack:
             values = getattr(self, name)
             if values is not None and np.abs(values).max(initial=0.0) > np.pi / 2:
                 raise InvalidInput(name, float(np.abs(values).max()), "give radians: numpy.radians(degrees)")
-        for name in ("longitude", "true_longitude"):
+        for name in ("longitude", "true_longitude", "heading"):
             values = getattr(self, name)
             if values is not None and np.abs(values).max(initial=0.0) > 2 * np.pi:
                 raise InvalidInput(name, float(np.abs(values).max()), "give radians: numpy.radians(degrees)")
@@ -91,6 +95,7 @@ def read_track_csv(
     longitude: str = "longitude",
     true_latitude: str | None = None,
     true_longitude: str | None = None,
+    heading: str | None = None,
 ) -> MeasuredTrack:
     """Read a track with positions in degrees from a CSV file with a header.
 
@@ -106,6 +111,8 @@ def read_track_csv(
         Columns of the indicated position, degrees.
     true_latitude, true_longitude : str, optional
         Columns of a reference position, degrees.
+    heading : str, optional
+        Column of the heading the INS indicated, clockwise from north, degrees.
 
     Returns
     -------
@@ -135,6 +142,7 @@ def read_track_csv(
         "measured": measured,
         "true_latitude": true_latitude,
         "true_longitude": true_longitude,
+        "heading": heading,
     }
     columns = {name: column for name, column in wanted.items() if column is not None}
     for name, column in columns.items():
