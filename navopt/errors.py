@@ -12,6 +12,7 @@ from typing import Any
 
 __all__ = [
     "InvalidInput",
+    "MissingData",
     "MissingExtra",
     "NavoptError",
     "NoBound",
@@ -90,6 +91,10 @@ class NoBound(NavoptError):
 
 class NumericalFault(NavoptError, ArithmeticError):
     """A model returned NaN; the message names the candidate and the model."""
+
+
+class MissingData(InvalidInput):
+    """A recorded file that does not come with navopt is not where it was looked for."""
 
 
 class MissingExtra(NavoptError, ImportError):

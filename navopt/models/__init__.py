@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from navopt.models.sins_error import segment_heading_error as segment_heading_error
     from navopt.models.sins_error import segment_length_ratio as segment_length_ratio
     from navopt.models.sins_error import segment_scale as segment_scale
+    from navopt.models.track_errors import TrackErrorBasis as TrackErrorBasis
+    from navopt.models.track_errors import track_error_basis as track_error_basis
 
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
@@ -32,6 +34,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "FieldMap": "navopt.models.field_map",
         "InsErrors": "navopt.models.cruise",
         "InsTrack": "navopt.models.cruise",
+        "TrackErrorBasis": "navopt.models.track_errors",
         "TrueMotion": "navopt.models.sins_error",
         "earth": "navopt.models.earth",
         "error_basis": "navopt.models.ins",
@@ -42,6 +45,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "segment_length_ratio": "navopt.models.sins_error",
         "segment_scale": "navopt.models.sins_error",
         "simulate_ins": "navopt.models.ins",
+        "track_error_basis": "navopt.models.track_errors",
         "velocity_error_covariance": "navopt.models.ins",
     },
 )

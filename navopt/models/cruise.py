@@ -307,6 +307,8 @@ class InsTrack:
         True velocity (north, east), m/s.
     errors : InsErrors
         What the INS suffered from.
+    heading : ndarray, shape (N,), optional
+        INS heading of the forward axis, clockwise from north, rad; None on a voyage that holds its azimuth.
     """
 
     time: Array
@@ -317,6 +319,7 @@ class InsTrack:
     true_longitude: Array
     true_velocity: Array
     errors: InsErrors = field(default_factory=InsErrors)
+    heading: Array | None = None
 
     def __post_init__(self) -> None:
         for item in fields(self):

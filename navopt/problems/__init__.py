@@ -21,7 +21,12 @@ if TYPE_CHECKING:
     from navopt.problems.analytic_base import ScalableFunction as ScalableFunction
     from navopt.problems.gravity_matching import GravityMatching as GravityMatching
     from navopt.problems.gravity_matching import MatchedTrack as MatchedTrack
+    from navopt.problems.gravity_posterior import TrackPosterior as TrackPosterior
+    from navopt.problems.gravity_sensing import MeasurementErrors as MeasurementErrors
+    from navopt.problems.gravity_window import track_error_bound as track_error_bound
+    from navopt.problems.gravity_window import window_error_bound as window_error_bound
     from navopt.problems.noisy import Noisy as Noisy
+    from navopt.problems.ship_gravity import ShipGravity as ShipGravity
     from navopt.problems.wrapper_base import Wrapper as Wrapper
     from navopt.problems.wrappers import Rotated as Rotated
     from navopt.problems.wrappers import Scaled as Scaled
@@ -36,6 +41,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "Griewank": "navopt.problems.analytic",
         "HelicalValley": "navopt.problems.analytic",
         "MatchedTrack": "navopt.problems.gravity_matching",
+        "MeasurementErrors": "navopt.problems.gravity_sensing",
         "Noisy": "navopt.problems.noisy",
         "Point": "navopt.problems.analytic_base",
         "Rastrigin": "navopt.problems.analytic",
@@ -44,10 +50,14 @@ __getattr__, __dir__, __all__ = lazy_names(
         "ScalableFunction": "navopt.problems.analytic_base",
         "Scaled": "navopt.problems.wrappers",
         "Shifted": "navopt.problems.wrappers",
+        "ShipGravity": "navopt.problems.ship_gravity",
         "Sphere": "navopt.problems.analytic",
         "TestTubeHolder": "navopt.problems.analytic",
+        "TrackPosterior": "navopt.problems.gravity_posterior",
         "Wood": "navopt.problems.analytic",
         "Wrapper": "navopt.problems.wrapper_base",
         "Zettl": "navopt.problems.analytic",
+        "track_error_bound": "navopt.problems.gravity_window",
+        "window_error_bound": "navopt.problems.gravity_window",
     },
 )

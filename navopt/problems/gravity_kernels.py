@@ -20,9 +20,9 @@ from navopt.models.field_map_kernels import (
     fractional_index,
 )
 
-__all__ = ["MAD", "MEAN_SQUARE", "losses", "residuals", "slopes"]
+__all__ = ["HUBER", "MAD", "MEAN_SQUARE", "losses", "residuals", "robust_losses", "slopes", "whiten"]
 
-MAD, MEAN_SQUARE = 0, 1
+MAD, MEAN_SQUARE, HUBER = 0, 1, 2
 
 _compiled = njit(cache=True, nogil=True, error_model="numpy")
 
@@ -57,6 +57,78 @@ def losses(X, q, measured, plane, nodes, origin, shape, bicubic, criterion, out)
             difference = _difference(x, cosine, sine, q, k, measured, plane, nodes, origin, shape, bicubic)
             total += abs(difference) if criterion == MAD else difference * difference
         out[c] = np.inf if math.isnan(total) else total / q.shape[0]
+
+
+@_compiled
+def _middle(values, mean):
+    """Mean of a few values, or their median; the values are put in order."""
+    if mean:
+        return values.sum() / values.shape[0]
+    for k in range(1, values.shape[0]):
+        value, j = values[k], k
+        while j > 0 and values[j - 1] > value:
+            values[j] = values[j - 1]
+            j -= 1
+        values[j] = value
+    half = values.shape[0] // 2
+    return values[half] if values.shape[0] % 2 else 0.5 * (values[half - 1] + values[half])
+
+
+@_compiled
+def robust_losses(X, q, measured, plane, nodes, origin, shape, bicubic, criterion, threshold, free, out):
+    """As `losses`, with Huber's loss too, and with the offset of each candidate's differences out if `free`.
+
+    Huber: ``d²`` up to the threshold t (in the map's unit), ``2 t abs(d) − t²`` beyond. The offset is the
+    mean for MEAN_SQUARE, the median otherwise. X (n, 4) -> out (n,).
+    """
+    differences, ordered = np.empty(q.shape[0]), np.empty(q.shape[0])
+    for c in range(X.shape[0]):
+        x = X[c]
+        cosine, sine = x[3] * math.cos(x[2]), x[3] * math.sin(x[2])
+        inside = True
+        for k in range(q.shape[0]):
+            differences[k] = _difference(
+                x, cosine, sine, q, k, measured, plane, nodes, origin, shape, bicubic
+            )
+            inside = inside and not math.isnan(differences[k])
+        if not inside:
+            out[c] = np.inf
+            continue
+        if free:
+            ordered[:] = differences
+            differences -= _middle(ordered, criterion == MEAN_SQUARE)
+        total = 0.0
+        for k in range(q.shape[0]):
+            size = abs(differences[k])
+            if criterion == MAD:
+                total += size
+            elif criterion == MEAN_SQUARE or size <= threshold:
+                total += size * size
+            else:
+                total += threshold * (2.0 * size - threshold)
+        out[c] = total / q.shape[0]
+
+
+@_compiled
+def whiten(root, values):
+    """Solve ``root y = values`` in place for the lower triangle `root` (m, m); values (n, m, k).
+
+    Whitening mixes samples: a candidate with a point off the map is infinite (or NaN) throughout.
+    """
+    for c in range(values.shape[0]):
+        for j in range(values.shape[2]):
+            inside, fill = True, 0.0
+            for k in range(values.shape[1]):
+                if not math.isfinite(values[c, k, j]):
+                    inside, fill = False, values[c, k, j]
+            for k in range(values.shape[1]):
+                if not inside:
+                    values[c, k, j] = fill
+                    continue
+                total = values[c, k, j]
+                for i in range(k):
+                    total -= root[k, i] * values[c, i, j]
+                values[c, k, j] = total / root[k, k]
 
 
 @_compiled

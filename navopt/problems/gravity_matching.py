@@ -9,16 +9,20 @@ import numpy as np
 
 from navopt.data.tracks import MeasuredTrack
 from navopt.errors import InvalidInput, UnknownName
+from navopt.models.cruise import InsErrors
 from navopt.models.earth import NAUTICAL_MILE, distance, local_tangent_plane, principal_radii, to_geodetic
 from navopt.models.field_map import FieldMap
 from navopt.models.field_map_checks import check_method
 from navopt.problem import EstimationProblem, Parameter
 from navopt.problems import gravity_kernels as kernels
+from navopt.problems.gravity_errors import check_number
+from navopt.problems.gravity_geometry import check_coverage, checked_prior, picture, window_covariance
+from navopt.problems.gravity_sensing import MeasurementErrors
 from navopt.registry import problem
 
 __all__ = ["GravityMatching", "MatchedTrack"]
 
-CRITERIA = {"mad": kernels.MAD, "mean-square": kernels.MEAN_SQUARE}
+CRITERIA = {"mad": kernels.MAD, "mean-square": kernels.MEAN_SQUARE, "huber": kernels.HUBER}
 #: The decision vector that leaves the inertial track as it is.
 NO_CHANGE = np.array([0.0, 0.0, 0.0, 1.0])
 #: Radii, in nautical miles (′ of latitude), within which paper 003 calls a match successful.
@@ -65,11 +69,22 @@ class GravityMatching(EstimationProblem):
         Instead of it, the covariance of the decision vector itself.
     noise : float, default 1.0
         Standard deviation of measured minus mapped field (gravimeter and map together), in the map's
-        unit.
+        unit, if samples err independently.
+    measurement_errors : MeasurementErrors, optional
+        Instead of `noise`, all that is known about the errors of measurement and map.
+    ins_errors : InsErrors, optional
+        1σ of the errors of the INS, for methods that use the whole track.
     window : int, default 12
         Number of last samples matched.
-    criterion : {"mad", "mean-square"}
-        Loss: mean absolute difference (25), or mean square difference.
+    criterion : {"mad", "mean-square", "huber"}
+        Loss: mean absolute difference (25), mean square difference, or Huber's mean, of
+        the squares of small differences and of a multiple of the size of large ones.
+    huber : float, default 1.345
+        Where large begins, in standard deviations of measurement and map together (95 % efficiency if
+        the errors are normal; Huber 1964).
+    offset : {"known", "free"}, optional
+        Whether a constant between measurements and map is taken out of each candidate's differences (their
+        median; their mean for ``"mean-square"``). Free if a bias is declared and nothing is given.
     box : {"covariance", "paper"} or array_like, shape (4, 2)
         Search box: three prior sigmas about no change; the paper's (three sigmas of position, ±15°,
         scale between 1 and `scale_limit`); or lower and upper limits.
@@ -98,30 +113,46 @@ class GravityMatching(EstimationProblem):
         *,
         position_covariance: Any = None,
         prior_covariance: Any = None,
-        noise: float = 1.0,
+        noise: float | None = None,
+        measurement_errors: MeasurementErrors | None = None,
+        ins_errors: InsErrors | None = None,
         window: int = 12,
         criterion: str = "mad",
+        huber: float = 1.345,
+        offset: str | None = None,
         box: Any = "covariance",
         scale_limit: float | None = None,
         method: str | None = None,
     ) -> None:
         if criterion not in CRITERIA:
             raise UnknownName("criterion", criterion, CRITERIA)
+        self.huber = check_number("huber", huber, lambda value: value > 0.0, "give a positive number")
+        if offset not in (None, "known", "free"):
+            raise UnknownName("offset", offset, ("known", "free"))
         if (
             isinstance(window, bool)
             or not isinstance(window, int | np.integer)
             or not 3 <= window <= len(track)
         ):
             raise InvalidInput("window", window, f"give 3 to {len(track)} samples, as many as the track has")
-        if not (np.isfinite(noise) and noise > 0):
-            raise InvalidInput("noise", noise, f"give a positive standard deviation in {field_map.unit}")
-        self.field_map, self.track, self.noise = field_map, track, float(noise)
+        if measurement_errors is None:
+            remedy = f"give a positive standard deviation in {field_map.unit}"
+            sigma = check_number("noise", 1.0 if noise is None else noise, lambda value: value > 0.0, remedy)
+            measurement_errors = MeasurementErrors(noise=sigma)
+        elif noise is not None:
+            raise InvalidInput("noise", noise, "leave it out where measurement_errors are given")
+        self.field_map, self.track = field_map, track
+        self.measurement_errors, self.ins_errors = measurement_errors, ins_errors
+        self.noise = float(np.hypot(measurement_errors.noise, measurement_errors.map_error))
         self.window, self.criterion = int(window), criterion
+        self.offset = offset or (
+            "free" if measurement_errors.bias or measurement_errors.drift_per_day else "known"
+        )
         self.method = check_method(method or field_map.method)
         last = slice(len(track) - self.window, None)
         # a track may be written across the date line: its mean must not be on the far side of the Earth
         latitude, longitude = track.latitude[last], np.unwrap(track.longitude[last])
-        _check_coverage(field_map, latitude, longitude)
+        check_coverage(field_map, latitude, longitude)
         # on the tangent plane at the mean position the sequence's centroid is the origin exactly
         self.origin = float(latitude.mean()), float(longitude.mean())
         meridian, prime_vertical = principal_radii(self.origin[0])
@@ -129,40 +160,23 @@ class GravityMatching(EstimationProblem):
         north, east = local_tangent_plane(latitude, longitude, *self.origin)
         self.sequence = np.ascontiguousarray(np.stack([north - north.mean(), east - east.mean()], axis=1))
         self.measured = np.ascontiguousarray(track.measured[last])
-        self._prior_covariance = self._make_prior(position_covariance, prior_covariance)
+        self._prior_covariance = checked_prior(self.sequence, position_covariance, prior_covariance)
+        self.position_covariance = (
+            None if position_covariance is None else np.array(position_covariance, dtype=float)
+        )
+        covariance = window_covariance(track, self.window, measurement_errors)
+        self._root = None if covariance is None else np.linalg.cholesky(covariance)
         super().__init__(self._make_parameters(box, scale_limit))
-        for array in (self.sequence, self.measured, self._prior_covariance):
-            array.setflags(write=False)
+        for array in (
+            self.sequence, self.measured, self._prior_covariance, self._root, self.position_covariance
+        ):  # fmt: skip
+            if array is not None:
+                array.setflags(write=False)
         if track.true_latitude is not None and track.true_longitude is not None:
             self.truth = MatchedTrack(track.true_latitude[last], track.true_longitude[last])
         self._world: dict[str, Any] | None = None
 
     # -- prior and box -----------------------------------------------------------------------------
-    def _make_prior(self, positions: Any, parameters: Any) -> np.ndarray:
-        if (positions is None) == (parameters is None):
-            raise InvalidInput(
-                "position_covariance, prior_covariance",
-                "both" if positions is not None else "none",
-                "give exactly one: how large the inertial errors may be decides where to search",
-            )
-        name, given = (
-            ("prior_covariance", parameters) if positions is None else ("position_covariance", positions)
-        )
-        size = 4 if positions is None else 2 * self.window
-        covariance = np.array(given, dtype=float)
-        if covariance.shape != (size, size) or not np.allclose(covariance, covariance.T):
-            raise InvalidInput(name, covariance.shape, f"give a symmetric matrix of shape ({size}, {size})")
-        if positions is not None:
-            projection = _similarity_of_displacements(self.sequence)
-            covariance = projection @ covariance @ projection.T
-        variances = np.diag(covariance)
-        if not (np.isfinite(variances).all() and (variances > 0).all()):
-            raise InvalidInput(name, variances.tolist(), "every parameter needs a positive finite variance")
-        sigma = np.sqrt(variances)
-        if np.linalg.eigvalsh(covariance / np.outer(sigma, sigma))[0] <= 0:
-            raise InvalidInput(name, covariance.tolist(), "a covariance must be positive definite")
-        return covariance
-
     def _make_parameters(self, box: Any, scale_limit: float | None) -> list[Parameter]:
         reach = 3.0 * np.sqrt(np.diag(self._prior_covariance))
         limits = np.stack([NO_CHANGE - reach, NO_CHANGE + reach], axis=1)
@@ -206,9 +220,11 @@ class GravityMatching(EstimationProblem):
 
     def _loss(self, X: np.ndarray) -> np.ndarray:
         out = np.empty(len(X))
-        kernels.losses(
-            X, self.sequence, self.measured, *self._kernel_arguments(), CRITERIA[self.criterion], out
-        )
+        arguments = (X, self.sequence, self.measured, *self._kernel_arguments(), CRITERIA[self.criterion])
+        if self.offset == "known" and self.criterion != "huber":
+            kernels.losses(*arguments, out)
+        else:
+            kernels.robust_losses(*arguments, self.huber * self.noise, self.offset == "free", out)
         return out
 
     def invalid_reasons(self, X: np.ndarray) -> list[str]:
@@ -217,12 +233,18 @@ class GravityMatching(EstimationProblem):
 
     def _residuals(self, X: np.ndarray) -> np.ndarray:
         out = np.empty((len(X), self.window))
-        kernels.residuals(X, self.sequence, self.measured, *self._kernel_arguments(), self.noise, out)
+        sigma = self.noise if self._root is None else 1.0
+        kernels.residuals(X, self.sequence, self.measured, *self._kernel_arguments(), sigma, out)
+        if self._root is not None:
+            kernels.whiten(self._root, out[:, :, None])
         return out
 
     def _jacobian(self, X: np.ndarray) -> np.ndarray:
         out = np.empty((len(X), self.window, 4))
-        kernels.slopes(X, self.sequence, *self._kernel_arguments(), self.noise, out)
+        sigma = self.noise if self._root is None else 1.0
+        kernels.slopes(X, self.sequence, *self._kernel_arguments(), sigma, out)
+        if self._root is not None:
+            kernels.whiten(self._root, out)
         return out
 
     # -- physics -------------------------------------------------------------------------------------
@@ -263,12 +285,30 @@ class GravityMatching(EstimationProblem):
         *,
         hours: float = 3.0,
         degree: int = 2190,
-        map_error: float | str | None = None,
+        area: str = "typical",
+        voyage: str = "straight",
         ins: str = "drawn",
+        initial_sigma_m: float | None = None,
+        heading_sigma_deg: float | None = None,
+        initial_error_m: float | None = None,
+        heading_error_deg: float | None = None,
+        scale_error: float | None = None,
+        map_error: float | str | None = None,
+        map_error_length_m: float = 10e3,
+        map_error_shape: str = "gaussian",
         noise_mgal: float = 1.0,
+        noise_freedom: float | None = None,
+        outlier_fraction: float = 0.0,
+        outlier_mgal: float = 20.0,
+        bias_mgal: float = 0.0,
+        drift_mgal_h: float = 0.0,
+        eotvos: bool = False,
+        declared: dict[str, Any] | None = None,
         interval_s: float = 300.0,
         window: int = 12,
         criterion: str = "mad",
+        huber: float = 1.345,
+        offset: str | None = None,
         box: str = "covariance",
         method: str = "bilinear",
         noise_seed: int | None = None,
@@ -278,26 +318,50 @@ class GravityMatching(EstimationProblem):
         Parameters
         ----------
         seed : int
-            Seed of the INS biases, its initial position error, its noise and the gravimeter's noise.
+            Seed of the INS errors and of all that is drawn below.
         hours : float
             Time since departure at which the track is matched; at most 16.
         degree : {720, 2190}
             Degree of the embedded EGM2008 anomalies that are the truth.
+        area : {"typical", "smooth", "rough"}
+            The paper's voyage, or one over the smoothest or the roughest field of the map.
+        voyage : {"straight", "turns"}
+            Constant heading and speed, or drawn legs of 40 min to 2 h, 15 to 45° to either side of the mean
+            course, at 0.6 to 1.1 times the speed. With turns the errors of the INS follow eq. (18).
+        ins : {"drawn", "published", "placed"}
+            INS errors drawn from N(0, Table 1) for each world; one fixed realisation with every source at
+            plus one sigma, as the paper used; or no INS but the truth shifted, turned and scaled.
+        initial_sigma_m, heading_sigma_deg : float, optional
+            1σ of the initial position error per axis (0.1′ if not given), and of the initial heading error
+            (none). For a placed track, of its errors: 10 km and 5° if not given.
+        initial_error_m, heading_error_deg, scale_error : float, optional
+            For a placed track: its distance from the truth at the middle of the window (the
+            direction is drawn), how far it is turned clockwise, and the true length over its own; drawn if
+            not given, the scale with 1σ of 0.1.
         map_error : float or "degree-720", optional
-            Error of the map matched against: a random field of this standard deviation (mGal) with a
-            correlation length of 10 km, drawn afresh per world; or the map to degree 720 against a
-            degree-2190 truth. Its standard deviation over the whole map enters the declared noise as if
-            it were independent from sample to sample; it is not, so `error_bound` is optimistic then.
-        ins : {"drawn", "published"}
-            INS errors drawn from N(0, Table 1) for each world, or one fixed realisation with every
-            source at plus one sigma, as the paper used.
+            Error of the map matched against: a random field of this standard deviation (mGal), drawn afresh
+            per world; or the map to degree 720 against a degree-2190 truth.
+        map_error_length_m : float
+            Distance at which the correlation of the random field is 1/e.
+        map_error_shape : {"gaussian", "exponential"}
+            Its correlation, see `navopt.models.random_field`.
         noise_mgal : float
             Standard deviation of the gravimeter noise.
+        noise_freedom : float, optional
+            Heavy-tailed noise: Student's t with so many degrees of freedom and the same standard deviation.
+        outlier_fraction, outlier_mgal : float
+            Share of samples with an additional normal error, and its 1σ. Never declared.
+        bias_mgal, drift_mgal_h : float
+            1σ of the gravimeter's bias, and of its drift per hour.
+        eotvos : bool
+            Reduce the measurements with the velocity of the INS.
+        declared : dict, optional
+            Fields of `MeasurementErrors` that the problem declares instead of the facts.
         interval_s : float
             Sampling interval.
-        window, criterion, box, method
+        window, criterion, huber, offset, box, method
             As for the class. ``box="paper"`` takes S from eq. (24) with the velocity error of an INS
-            whose sources are all at plus three sigma.
+            whose sources are all at plus three sigma; a placed track has no such box.
         noise_seed : int, optional
             Another draw of the gravimeter noise for the same world.
 
@@ -305,22 +369,12 @@ class GravityMatching(EstimationProblem):
         -------
         GravityMatching
         """
+        scenario = {name: v for name, v in locals().items() if name not in ("cls", "seed", "noise_seed")}
         from navopt.problems.gravity_worlds import build_world
 
-        scenario: dict[str, Any] = {
-            "hours": hours,
-            "degree": degree,
-            "map_error": map_error,
-            "ins": ins,
-            "noise_mgal": noise_mgal,
-            "interval_s": interval_s,
-            "window": window,
-            "criterion": criterion,
-            "box": box,
-            "method": method,
-        }
-        world = build_world(cls, seed, noise_seed, **scenario)
-        object.__setattr__(world, "_world", {"seed": seed, **scenario})
+        loss = {name: scenario.pop(name) for name in ("criterion", "huber", "offset")}
+        world = build_world(cls, seed, noise_seed, loss=loss, **scenario)
+        object.__setattr__(world, "_world", {"seed": seed, **scenario, **loss})
         return world
 
     def redraw(self, seed: int) -> EstimationProblem:
@@ -337,57 +391,4 @@ class GravityMatching(EstimationProblem):
 
     def illustration(self) -> dict[str, np.ndarray]:
         """Map about the voyage, inertial and true track, for the report's picture."""
-        track = self.track
-        tracks = {"ins_latitude": track.latitude, "ins_longitude": track.longitude}
-        if track.true_latitude is not None and track.true_longitude is not None:
-            tracks |= {"true_latitude": track.true_latitude, "true_longitude": track.true_longitude}
-        margin = np.radians(0.4)
-        area = self.field_map
-        rows = _span(area.latitude, [v for k, v in tracks.items() if k.endswith("latitude")], margin)
-        # every longitude on the map's own turn
-        middle = float(area.longitude.mean())
-        for name in [k for k in tracks if k.endswith("longitude")]:
-            tracks[name] = tracks[name] - 2 * np.pi * np.round((tracks[name] - middle) / (2 * np.pi))
-        columns = _span(area.longitude, [v for k, v in tracks.items() if k.endswith("longitude")], margin)
-        return {
-            **tracks,
-            "map_latitude": area.latitude[rows],
-            "map_longitude": area.longitude[columns],
-            "map_values": area.values[rows, columns].astype(np.float32),
-            "window": np.array([self.window]),
-        }
-
-
-def _span(axis: np.ndarray, tracks: list[np.ndarray], margin: float) -> slice:
-    low = min(float(t.min()) for t in tracks) - margin
-    high = max(float(t.max()) for t in tracks) + margin
-    return slice(int(np.searchsorted(axis, low)), int(np.searchsorted(axis, high)) + 1)
-
-
-def _similarity_of_displacements(sequence: np.ndarray) -> np.ndarray:
-    """Linear map from INS position errors (n_1, e_1, …) to the similarity that undoes them, (4, 2N).
-
-    To first order the truth is ``q - δ = t + q + β J q + (s - 1) q`` in the least-squares sense.
-    """
-    n = len(sequence)
-    spread = np.sum(sequence**2)
-    turned = np.stack([-sequence[:, 1], sequence[:, 0]], axis=1)
-    rows = np.zeros((4, 2 * n))
-    rows[0, 0::2] = -1.0 / n
-    rows[1, 1::2] = -1.0 / n
-    rows[2] = -turned.ravel() / spread
-    rows[3] = -sequence.ravel() / spread
-    return rows
-
-
-def _check_coverage(field_map: FieldMap, latitude: np.ndarray, longitude: np.ndarray) -> None:
-    inside = field_map.contains(latitude, longitude)
-    if not inside.all():
-        k = int(np.flatnonzero(~inside)[0])
-        west, east, south, north = field_map.bounds_deg
-        raise InvalidInput(
-            "track",
-            f"{int((~inside).sum())} of the {len(latitude)} matched samples outside the map, the first at "
-            f"({np.degrees(latitude[k]):.4f}°, {np.degrees(longitude[k]):.4f}°)",
-            f"the map covers {south:g}° to {north:g}°N and {west:g}° to {east:g}°E: give a larger map",
-        )
+        return picture(self)
