@@ -6,6 +6,7 @@ whether or not something else goes wrong as well.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -148,7 +149,13 @@ def _position_covariance(scenario: WorldScenario, track: InsTrack) -> np.ndarray
 @lru_cache(maxsize=8)
 def _straight_covariance(voyage: CruiseScenario, times: tuple[float, ...], sigmas: InsErrors) -> np.ndarray:
     """Covariance of the INS errors in the window, the same for all worlds of a scenario."""
-    return position_error_covariance(voyage, times, sigmas)
+    return position_error_covariance(_lengthened(voyage), times, sigmas)
+
+
+def _lengthened(voyage: CruiseScenario) -> CruiseScenario:
+    """Return the voyage to the end of its watch of four hours: windows of one watch share strapdown runs."""
+    watch = 4 * 3600.0
+    return replace(voyage, duration=watch * np.ceil(voyage.duration / watch))
 
 
 def _scale_limit(scenario: WorldScenario, track: InsTrack) -> float:
@@ -160,7 +167,7 @@ def _scale_limit(scenario: WorldScenario, track: InsTrack) -> float:
     last = slice(-scenario.window, None)
     sigmas = scenario.ins_sigmas
     if scenario.voyage == "straight":
-        velocity = error_basis(scenario.course, track.time[last]).velocity @ sigmas.vector
+        velocity = error_basis(_lengthened(scenario.course), track.time[last]).velocity @ sigmas.vector
     else:
         from navopt.models.track_errors import track_error_basis
 
