@@ -31,7 +31,7 @@ from navopt.problems.gravity_window import track_error_bound, window_error_bound
 
 CLAIMS = Path(__file__).resolve().parents[2] / "shared" / "reference" / "claims.yaml"
 PAPER = ("gravity-paper", "gravity-paper-fair", "gravity-paper-once", "gravity-paper-hours")
-ALL = (*PAPER, "gravity-swarms", "gravity-properties")
+ALL = (*PAPER, "gravity-swarms", "gravity-properties", "gravity-harder")
 NAUTICAL_MILE = 1852.0
 #: What the paper calls our solvers.
 METHODS = {

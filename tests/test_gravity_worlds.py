@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from navopt import simulate
-from navopt.errors import NavoptError
+from navopt.errors import InvalidInput, NavoptError
 from navopt.models.cruise import CruiseScenario
 from navopt.models.earth import separation
 from navopt.models.field_map import FieldMap
@@ -197,6 +197,28 @@ def test_the_map_has_an_error_of_the_given_size_and_length(shape, length):
         assert np.mean(a * b) / 2.5**2 == pytest.approx(expected, abs=0.07)
     assert made.measurement_errors == MeasurementErrors(map_error=2.5, map_error_length=length)
     assert made.noise == pytest.approx(np.hypot(1.0, 2.5))
+
+
+def test_what_the_map_lacks_is_in_the_measurements_instead():
+    told = {"map_error": 2.5, "map_error_length_m": 8e3}
+    clean, noisy, smooth = world(3), world(3, **told), world(3, map_error_in="field", **told)
+    np.testing.assert_array_equal(smooth.field_map.values, clean.field_map.values)
+    np.testing.assert_array_equal(noisy.track.measured, clean.track.measured)
+    error = FieldMap(
+        clean.field_map.latitude,
+        clean.field_map.longitude,
+        noisy.field_map.values - clean.field_map.values,
+        unit="mGal",
+        name="error",
+    )
+    np.testing.assert_allclose(
+        smooth.track.measured - clean.track.measured,
+        error.value(clean.track.true_latitude, clean.track.true_longitude),
+        atol=1e-9,
+    )
+    assert smooth.measurement_errors == noisy.measurement_errors
+    with pytest.raises(InvalidInput, match="map_error_in"):
+        world(3, map_error_in="truth")
 
 
 def test_what_degree_720_lacks_is_declared_with_its_size_and_length():

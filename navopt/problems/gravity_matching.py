@@ -296,6 +296,7 @@ class GravityMatching(EstimationProblem):
         map_error: float | str | None = None,
         map_error_length_m: float = 10e3,
         map_error_shape: str = "gaussian",
+        map_error_in: str = "map",
         noise_mgal: float = 1.0,
         noise_freedom: float | None = None,
         outlier_fraction: float = 0.0,
@@ -345,6 +346,9 @@ class GravityMatching(EstimationProblem):
             Distance at which the correlation of the random field is 1/e.
         map_error_shape : {"gaussian", "exponential"}
             Its correlation, see `navopt.models.random_field`.
+        map_error_in : {"map", "field"}
+            Whether the map has structure that the field lacks, as noise of a survey, or the field has
+            structure that the map lacks, as after smoothing. Structure in the map gives it false slopes.
         noise_mgal : float
             Standard deviation of the gravimeter noise.
         noise_freedom : float, optional

@@ -67,6 +67,7 @@ class WorldScenario:
     map_error: float | str | None = None
     map_error_length_m: float = 10e3
     map_error_shape: str = "gaussian"
+    map_error_in: str = "map"
     noise_mgal: float = 1.0
     noise_freedom: float | None = None
     outlier_fraction: float = 0.0
@@ -88,6 +89,7 @@ class WorldScenario:
             ("area", AREAS),
             ("voyage", ("straight", "turns")),
             ("map_error_shape", CORRELATIONS),
+            ("map_error_in", ("map", "field")),
         ):
             if getattr(self, name) not in known:
                 raise UnknownName(name, getattr(self, name), known)

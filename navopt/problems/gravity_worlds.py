@@ -63,8 +63,7 @@ def build_world(
     """
     scenario = WorldScenario(**keywords)
     window = scenario.window
-    true_map = FieldMap.embedded(scenario.degree, method=method)
-    mapped, map_sigma, map_length = _map_with_error(true_map, scenario, seed, method)
+    field, mapped, map_sigma, map_length = _field_and_map(scenario, seed, method)
     known: dict[str, Any] = {}
     if scenario.ins == "placed":
         track, known["prior_covariance"], true_x = _placed(scenario, seed)
@@ -74,7 +73,7 @@ def build_world(
         known["ins_errors"] = scenario.ins_sigmas
     gravimeter = scenario.gravimeter
     draw = 0 if noise_seed is None else noise_seed + 1
-    measured = true_map.value(track.true_latitude, track.true_longitude) + gravimeter.draw_noise(
+    measured = field.value(track.true_latitude, track.true_longitude) + gravimeter.draw_noise(
         len(track.time), stream("noise:" + NAME, seed, draw), stream("outliers:" + NAME, seed, draw)
     )
     if gravimeter.bias or gravimeter.drift_per_hour:
@@ -210,30 +209,33 @@ def _placed(scenario: WorldScenario, seed: int) -> tuple[InsTrack, np.ndarray, n
     return track, prior, np.array([*back, -turn, scale])
 
 
-def _map_with_error(
-    true_map: FieldMap, scenario: WorldScenario, seed: int, method: str
-) -> tuple[FieldMap, float, float]:
-    """Map to match against, the standard deviation of its error (mGal) and its correlation length (m)."""
+def _field_and_map(
+    scenario: WorldScenario, seed: int, method: str
+) -> tuple[FieldMap, FieldMap, float, float]:
+    """True field, map to match, standard deviation (mGal) and correlation length (m) of the difference."""
+    embedded = FieldMap.embedded(scenario.degree, method=method)
     error, length = scenario.map_error, float(scenario.map_error_length_m)
     if error is None:
-        return true_map, 0.0, length
+        return embedded, embedded, 0.0, length
     if error == "degree-720":
         coarse = FieldMap.embedded(720, method=method)
-        return coarse, float(np.std(true_map.values - coarse.values)), _coarse_length(scenario.degree)
+        lacking = float(np.std(embedded.values - coarse.values))
+        return embedded, coarse, lacking, _coarse_length(scenario.degree)
     drawn = random_field(
-        true_map.shape, _steps(true_map), length, stream("map:" + NAME, seed), shape=scenario.map_error_shape
+        embedded.shape, _steps(embedded), length, stream("map:" + NAME, seed), shape=scenario.map_error_shape
     )
     # a field of a few hundred patches: its standard deviation is made what was asked for
     drawn *= float(error) / drawn.std()
     erred = FieldMap(
-        true_map.latitude,
-        true_map.longitude,
-        true_map.values + drawn,
-        unit=true_map.unit,
-        name=f"{true_map.name} with {error:g} mGal error",
+        embedded.latitude,
+        embedded.longitude,
+        embedded.values + drawn,
+        unit=embedded.unit,
+        name=f"{embedded.name} with {error:g} mGal error",
         method=method,
     )
-    return erred, float(error), length
+    pair = (erred, embedded) if scenario.map_error_in == "field" else (embedded, erred)
+    return *pair, float(error), length
 
 
 def _steps(field_map: FieldMap) -> tuple[float, float]:
