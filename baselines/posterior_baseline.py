@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from baselines.base import Baseline
-from baselines.track_estimate import TrackEstimate
+from baselines.track_estimate import Gate, TrackEstimate
+from navopt.algorithms.options import at_least, number, one_of
 from navopt.errors import InvalidInput, UnknownName
 from navopt.models.cruise import InsErrors
 from navopt.problems.gravity_sensing import MeasurementErrors
@@ -68,6 +69,34 @@ class PosteriorBaseline(Baseline):
     fitted: Fitted | None = None
     _metered = False
     _window = 1
+
+    def _declare(
+        self,
+        *,
+        measurement_errors: Any,
+        huber: float | None,
+        answer: str,
+        keep: int,
+        prune: float,
+        gate_sigma_m: float,
+        gate_probability: float,
+        gate_gain: float,
+    ) -> None:
+        """Check and keep the options that all of them have."""
+        built("measurement_errors", measurement_errors, MeasurementErrors)
+        self.measurement_errors = measurement_errors
+        self.huber = None if huber is None else number("huber", huber, above=0.0)
+        self.answer = one_of("answer", answer, ("mode", "mean"))
+        self.keep = at_least("keep", keep, 1)
+        self.prune = number("prune", prune, above=0.0)
+        self.gate_sigma_m = number("gate_sigma_m", gate_sigma_m, above=0.0)
+        self.gate_probability = number("gate_probability", gate_probability, above=0.0, most=1.0)
+        self.gate_gain = number("gate_gain", gate_gain)
+
+    @property
+    def gate(self) -> Gate:
+        """When the answer counts as known."""
+        return Gate(sigma_m=self.gate_sigma_m, probability=self.gate_probability, gain=self.gate_gain)
 
     def match(self, problem: Any) -> TrackEstimate:
         """Match a problem's track, outside any budget unless called by the run itself."""

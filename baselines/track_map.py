@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from baselines.posterior_baseline import PosteriorBaseline, built
-from baselines.track_estimate import Gate, TrackEstimate, summarise
+from baselines.track_estimate import TrackEstimate, summarise
 from baselines.track_follower import TrackFollower
 from baselines.track_hypotheses import Search, follow, horizons
 from baselines.track_model import TrackModel, declared_errors
-from navopt.algorithms.options import at_least, number, one_of
+from navopt.algorithms.options import at_least, number
 from navopt.models.cruise import InsErrors
 from navopt.problems.gravity_sensing import MeasurementErrors
 from navopt.registry import solver
@@ -95,22 +95,19 @@ class TrackMAP(PosteriorBaseline):
     ) -> None:
         super().__init__(**kwargs)
         built("ins_errors", ins_errors, InsErrors)
-        built("measurement_errors", measurement_errors, MeasurementErrors)
-        self.ins_errors, self.measurement_errors = ins_errors, measurement_errors
-        self.huber = None if huber is None else number("huber", huber, above=0.0)
-        self.answer = one_of("answer", answer, ("mode", "mean"))
-        self.keep = at_least("keep", keep, 1)
-        self.prune = number("prune", prune, above=0.0)
+        self.ins_errors = ins_errors
+        self._declare(
+            measurement_errors=measurement_errors,
+            huber=huber,
+            answer=answer,
+            keep=keep,
+            prune=prune,
+            gate_sigma_m=gate_sigma_m,
+            gate_probability=gate_probability,
+            gate_gain=gate_gain,
+        )
         self.spread_m = number("spread_m", spread_m, above=0.0)
         self.first, self.step = at_least("first", first, 2), at_least("step", step, 1)
-        self.gate_sigma_m = number("gate_sigma_m", gate_sigma_m, above=0.0)
-        self.gate_probability = number("gate_probability", gate_probability, above=0.0, most=1.0)
-        self.gate_gain = number("gate_gain", gate_gain)
-
-    @property
-    def gate(self) -> Gate:
-        """When the answer counts as known."""
-        return Gate(sigma_m=self.gate_sigma_m, probability=self.gate_probability, gain=self.gate_gain)
 
     @property
     def search(self) -> Search:

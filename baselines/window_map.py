@@ -10,9 +10,9 @@ from scipy.special import ndtri
 from scipy.stats import qmc
 
 from baselines.posterior_baseline import LOOK_UPS, PosteriorBaseline, built
-from baselines.track_estimate import Gate, TrackEstimate, summarise
+from baselines.track_estimate import TrackEstimate, summarise
 from baselines.track_hypotheses import Search, descend, merge, origin
-from navopt.algorithms.options import at_least, number, one_of
+from navopt.algorithms.options import at_least
 from navopt.problems.gravity_posterior import TrackPosterior
 from navopt.problems.gravity_sensing import MeasurementErrors
 from navopt.problems.gravity_window import window_posterior
@@ -95,20 +95,17 @@ class WindowMAP(PosteriorBaseline):
     ) -> None:
         super().__init__(**kwargs)
         self.points, self.starts = at_least("points", points, 1), at_least("starts", starts, 1)
-        built("measurement_errors", measurement_errors, MeasurementErrors)
-        self.measurement_errors = measurement_errors
-        self.huber = None if huber is None else number("huber", huber, above=0.0)
-        self.answer = one_of("answer", answer, ("mode", "mean"))
-        self.keep, self.steps = at_least("keep", keep, 1), at_least("steps", steps, 1)
-        self.prune = number("prune", prune, above=0.0)
-        self.gate_sigma_m = number("gate_sigma_m", gate_sigma_m, above=0.0)
-        self.gate_probability = number("gate_probability", gate_probability, above=0.0, most=1.0)
-        self.gate_gain = number("gate_gain", gate_gain)
-
-    @property
-    def gate(self) -> Gate:
-        """When the answer counts as known."""
-        return Gate(sigma_m=self.gate_sigma_m, probability=self.gate_probability, gain=self.gate_gain)
+        self.steps = at_least("steps", steps, 1)
+        self._declare(
+            measurement_errors=measurement_errors,
+            huber=huber,
+            answer=answer,
+            keep=keep,
+            prune=prune,
+            gate_sigma_m=gate_sigma_m,
+            gate_probability=gate_probability,
+            gate_gain=gate_gain,
+        )
 
     def match(self, problem: Any) -> TrackEstimate:
         """Match a problem's window.

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from comparisons.console import console, resumable
+
 if TYPE_CHECKING:
     from comparisons.audit import Audit
 
@@ -65,7 +67,6 @@ def audit(
 
     from comparisons.audit import run_audit
     from comparisons.audit_wording import verdict_table
-    from comparisons.cli import _console
 
     chosen = _chosen(
         solvers,
@@ -77,19 +78,13 @@ def audit(
         budget=budget,
         references=_words(references),
     )
-    try:
+    with resumable(out):
         result = run_audit(
-            chosen, out=out, workers=workers, retry_failed=retry_failed, console=_console(stderr=True)
+            chosen, out=out, workers=workers, retry_failed=retry_failed, console=console(stderr=True)
         )
-    except KeyboardInterrupt:
-        typer.echo(
-            f"navopt: interrupted; every finished run is kept in {out}. Give the same command to go on.",
-            err=True,
-        )
-        raise typer.Exit(130) from None
-    console = _console()
-    console.print(verdict_table(result))
-    console.print(Text(result.text()))
+    screen = console()
+    screen.print(verdict_table(result))
+    screen.print(Text(result.text()))
     typer.echo(result.write((out if out.is_dir() else out.parent) / "audit.html"))
 
 

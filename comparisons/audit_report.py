@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +11,8 @@ from comparisons.audit_figures import bias_figure, family_figure
 from comparisons.audit_suite import BIASES, FAMILIES
 from comparisons.audit_wording import cell, decades, findings, headline, notes, sentence
 from comparisons.drawing import solver_styles
+from comparisons.pages import environment, inline_picture, style, write_text
 from comparisons.planning import full_settings
-from comparisons.report import _environment, _picture, _write
 from comparisons.run_key import versions
 from comparisons.wording import format_number
 
@@ -49,19 +48,12 @@ def write_audit(result: AuditResult, path: str | Path) -> Path:
     target = Path(path)
     if target.is_dir():
         target = target / "audit.html"
-    environment = _environment()
-    page = environment.get_template("audit.html.j2").render(_context(result), style=_style(environment))
-    _write(target, page)
+    templates = environment()
+    page = templates.get_template("audit.html.j2").render(_context(result), style=style(templates))
+    write_text(target, page)
     for name, frame in (("bias.csv", result.bias()), ("gaps.csv", result.gaps)):
-        _write(target.with_name(name), frame.to_csv(index=False, lineterminator="\n"))
+        write_text(target.with_name(name), frame.to_csv(index=False, lineterminator="\n"))
     return target
-
-
-def _style(environment: Any) -> str:
-    """Style sheet of the study's report, so that all pages look alike."""
-    source, _, _ = environment.loader.get_source(environment, "report.html.j2")
-    found = re.search(r"<style>\n(.*?)</style>", source, re.DOTALL)
-    return found[1] if found else ""
 
 
 def _context(result: AuditResult) -> dict[str, Any]:
@@ -144,7 +136,7 @@ def _ratios(result: AuditResult, bias: str) -> dict[str, Any]:
         "name": bias,
         "labels": labels,
         "rows": rows,
-        "picture": _picture(
+        "picture": inline_picture(
             bias_figure(result, bias),
             f"Log ratios of the gaps {spec.other} and {spec.favoured} of every solver on every function",
             "Median log ratio with its 95 % interval. The band is one power of ten to either side.",
@@ -173,7 +165,7 @@ def _family(result: AuditResult, family: str) -> dict[str, Any]:
         "words": FAMILIES[family],
         "labels": labels,
         "rows": rows,
-        "picture": _picture(
+        "picture": inline_picture(
             family_figure(result, family),
             f"Gaps of every solver on every function, {FAMILIES[family]}",
             "Gap to the minimum: medians and quartiles over the seeds.",

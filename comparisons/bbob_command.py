@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from comparisons.console import console, resumable
+
 __all__ = ["bbob"]
 
 
@@ -43,7 +45,6 @@ def bbob(
     os.environ.update(THREAD_LIMITS)
     from comparisons.bbob import Benchmark, run_benchmark
     from comparisons.bbob_report import share_listing
-    from comparisons.cli import _console
 
     which = _numbers("--instances", instances)
     chosen = Benchmark(
@@ -53,19 +54,13 @@ def bbob(
         budget_factor=budget_factor,
         **({} if functions is None else {"functions": _numbers("--functions", functions)}),
     )
-    try:
+    with resumable(out):
         result = run_benchmark(
-            chosen, out=out, workers=workers, retry_failed=retry_failed, console=_console(stderr=True)
+            chosen, out=out, workers=workers, retry_failed=retry_failed, console=console(stderr=True)
         )
-    except KeyboardInterrupt:
-        typer.echo(
-            f"navopt: interrupted; every finished run is kept in {out}. Give the same command to go on.",
-            err=True,
-        )
-        raise typer.Exit(130) from None
-    console = _console()
+    screen = console()
     for dimension in chosen.dimensions:
-        console.print(share_listing(result, dimension))
+        screen.print(share_listing(result, dimension))
     failed = int((result.runs["status"] == "failed").sum())
     if failed:
         typer.echo(f"navopt: {failed} of {len(result.runs)} runs failed; the page says why.", err=True)

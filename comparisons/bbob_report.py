@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import base64
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from comparisons.audit_report import _style
 from comparisons.bbob_figures import runtime_figure
 from comparisons.bbob_functions import FUNCTIONS, GROUPS, BbobFunction
 from comparisons.bbob_measures import TARGETS
 from comparisons.drawing import render, solver_styles
+from comparisons.pages import data_source, environment, style, write_text
 from comparisons.planning import full_settings
-from comparisons.report import _environment, _write
 from comparisons.run_key import versions
 from comparisons.wording import format_number
 from navopt.errors import StoreError
@@ -56,27 +54,27 @@ def write_benchmark(result: BenchmarkResult, folder: str | Path) -> Path:
         If a file cannot be written there.
     """
     target = Path(folder)
-    environment = _environment()
+    templates = environment()
     pictures = []
     for dimension in result.benchmark.dimensions if len(result.runs) else ():
         drawn = _write_figure(target / f"ecdf-{dimension}", runtime_figure(result, dimension))
         pictures.append(
             {
-                "source": f"data:image/svg+xml;base64,{base64.b64encode(drawn).decode('ascii')}",
+                "source": data_source(drawn),
                 "alt": f"Share of targets reached against evaluations, {dimension} variables",
                 "caption": "Share of all pairs of a run and a target reached, by evaluations per variable.",
             }
         )
     times = result.expected_running_times()
-    page = environment.get_template("bbob.html.j2").render(
-        _context(result, times, pictures), style=_style(environment)
+    page = templates.get_template("bbob.html.j2").render(
+        _context(result, times, pictures), style=style(templates)
     )
-    _write(target / "bbob.html", page)
+    write_text(target / "bbob.html", page)
     for name, frame in (
         ("shares.csv", result.shares),
-        ("running-times.csv", result.expected_running_times()),
+        ("running-times.csv", times),
     ):
-        _write(target / name, frame.to_csv(index=False, lineterminator="\n"))
+        write_text(target / name, frame.to_csv(index=False, lineterminator="\n"))
     return target / "bbob.html"
 
 

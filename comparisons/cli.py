@@ -15,6 +15,7 @@ from typer.core import TyperGroup
 
 from comparisons.audit_command import audit
 from comparisons.bbob_command import bbob
+from comparisons.console import console, resumable
 from comparisons.match_command import match
 
 if TYPE_CHECKING:
@@ -86,7 +87,7 @@ def list_(
     if kind and kind not in KINDS:
         raise UnknownName("kind", kind, KINDS)
     for chosen in [kind] if kind else KINDS:
-        _console().print(listing(chosen))
+        console().print(listing(chosen))
 
 
 @app.command()
@@ -112,16 +113,10 @@ def run(
 
     chosen = _open_study(study).replaced(worlds=worlds, budget=budget)
     folder = out if out is not None else Path("results") / chosen.name
-    try:
+    with resumable(folder):
         summary = run_study(
-            chosen, folder, workers=workers, retry_failed=retry_failed, console=_console(stderr=True)
+            chosen, folder, workers=workers, retry_failed=retry_failed, console=console(stderr=True)
         )
-    except KeyboardInterrupt:
-        typer.echo(
-            f"navopt: interrupted; every finished run is kept in {folder}. Give the same command to go on.",
-            err=True,
-        )
-        raise typer.Exit(130) from None
     _conclude(folder, summary)
 
 
@@ -191,17 +186,17 @@ def _conclude(folder: Path, summary: Summary) -> None:
     from comparisons.statistics import print_ranked
     from comparisons.store import ResultsStore
 
-    console = _console()
+    out = console()
     with ResultsStore(folder) as store:
         all_failed = summary.failed == summary.planned
         if not all_failed:
-            print_ranked(store, console)
-            _print_comparisons(store, console)
+            print_ranked(store, out)
+            _print_comparisons(store, out)
             if store.study.ablation:
                 from comparisons.effects import effect_table
                 from comparisons.effects_page import print_effects
 
-                print_effects(effect_table(store), store.study, console)
+                print_effects(effect_table(store), store.study, out)
         if summary.failed:
             _tell_failures(store, summary)
         if not all_failed:
@@ -210,13 +205,13 @@ def _conclude(folder: Path, summary: Summary) -> None:
         raise typer.Exit(1)
 
 
-def _print_comparisons(store: Any, console: Console) -> None:
+def _print_comparisons(store: Any, out: Console) -> None:
     """Print printed values beside ours, and ranks over all scenarios, where there are any."""
     from comparisons.overall import overall_ranks, print_overall
     from comparisons.printed import print_printed
 
-    print_printed(store, console)
-    print_overall(overall_ranks(store), console)
+    print_printed(store, out)
+    print_overall(overall_ranks(store), out)
 
 
 def _tell_failures(store: Any, summary: Summary) -> None:
@@ -234,11 +229,3 @@ def _write_report(store: Any, folder: Path) -> None:
     from comparisons.report import write_report
 
     typer.echo(write_report(store, (folder if folder.is_dir() else folder.parent) / "report.html"))
-
-
-def _console(*, stderr: bool = False) -> Console:
-    from rich.console import Console
-
-    console = Console(stderr=stderr)
-    # a file or a pipe has no width of its own, and rich's 80 columns break the ranked table's cells
-    return console if console.is_terminal or "COLUMNS" in os.environ else Console(stderr=stderr, width=150)

@@ -2,39 +2,31 @@
 
 from __future__ import annotations
 
-import base64
 import json
-import os
-import tempfile
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from matplotlib.figure import Figure
 
 from comparisons.curve_figure import curve_picture
 from comparisons.curves import curve_table, places_of_long_curves, study_curves
 from comparisons.drawing import UNAIDED
 from comparisons.effects import effect_table
 from comparisons.effects_page import WORDS, effect_cells, effect_groups, effect_notes, forest
-from comparisons.figures import convergence, error_boxes, map_picture, render, solver_styles
+from comparisons.figures import convergence, error_boxes, map_picture, solver_styles
 from comparisons.overall import NOTE as RANK_NOTE
 from comparisons.overall import OverallRanks, overall_cells, overall_frame, overall_ranks, overall_words
 from comparisons.overall_figure import rank_picture
+from comparisons.pages import environment, inline_picture, write_text
 from comparisons.printed import NOTE as PRINTED_NOTE
 from comparisons.printed import printed_cells, printed_sources, printed_table
 from comparisons.provenance import checksums, commands, facts, in_words, solver_rows, study_toml
 from comparisons.statistics import FAILURES, REFERENCES, ranked_table, reference_errors, success_columns
 from comparisons.wording import Display, cells, format_number, notes, reference_cells, smallest_p
-from navopt.errors import StoreError
 
 __all__ = ["write_report"]
-
-#: Wider than this, a picture is a map with a raster field and goes into the page as PNG.
-MAP_DPI = 130
 
 
 def write_report(store: Any, path: str | Path | None = None) -> Path:
@@ -80,30 +72,20 @@ def write_report(store: Any, path: str | Path | None = None) -> Path:
         "overall": [_overall(one, study) for one in overall],
         "rank_note": RANK_NOTE,
     }
-    page = _environment().get_template("report.html.j2").render(context)
-    _write(target, page)
+    page = environment().get_template("report.html.j2").render(context)
+    write_text(target, page)
     if effects is not None:
-        _write(target.with_name("effects.csv"), effects.to_csv(index=False, lineterminator="\n"))
+        write_text(target.with_name("effects.csv"), effects.to_csv(index=False, lineterminator="\n"))
     if printed is not None:
-        _write(target.with_name("printed.csv"), printed.to_csv(index=False, lineterminator="\n"))
+        write_text(target.with_name("printed.csv"), printed.to_csv(index=False, lineterminator="\n"))
     if curves is not None:
-        _write(target.with_name("curves.csv"), curves.to_csv(index=False, lineterminator="\n"))
+        write_text(target.with_name("curves.csv"), curves.to_csv(index=False, lineterminator="\n"))
     if overall:
         frame = overall_frame(overall)
-        _write(target.with_name("ranks.csv"), frame.to_csv(index=False, lineterminator="\n"))
-    _write(target.with_name("table.csv"), table.to_csv(index=False, lineterminator="\n"))
-    _write(target.with_name("runs.csv"), _flat(runs).to_csv(index=False, lineterminator="\n"))
+        write_text(target.with_name("ranks.csv"), frame.to_csv(index=False, lineterminator="\n"))
+    write_text(target.with_name("table.csv"), table.to_csv(index=False, lineterminator="\n"))
+    write_text(target.with_name("runs.csv"), _flat(runs).to_csv(index=False, lineterminator="\n"))
     return target
-
-
-def _environment() -> Environment:
-    return Environment(
-        loader=PackageLoader("comparisons"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
 
 
 def _context(store: Any, study: Any, runs: pd.DataFrame, table: pd.DataFrame) -> dict[str, Any]:
@@ -186,13 +168,13 @@ def _scenario(
     # the places of a curve, which may be hundreds, have its picture
     if done and not any(label in curve.scenarios for curve in study_curves(study)):
         pictures = [
-            _picture(
+            inline_picture(
                 error_boxes(runs, study, scenario=label, table=table),
                 f"Box plots of the {display.label} of each solver in scenario {label}",
                 f"{display.title[:1].upper()}{display.title[1:]}: quartiles, median and whiskers over all "
                 "runs; each dot is a world.",
             ),
-            _picture(
+            inline_picture(
                 convergence(store, scenario=label, runs=runs, traces=traces),
                 f"Best loss so far against cost in scenario {label}",
                 "Convergence: median and quartile band of the best loss over worlds and seeds (above the "
@@ -208,7 +190,7 @@ def _scenario(
                     "last point. Frames mark the next panel's area."
                 )
                 alt = f"Map of scenario {label}, world {world}, with the tracks of all solvers"
-                pictures.append(_picture(figure, alt, caption, format="png"))
+                pictures.append(inline_picture(figure, alt, caption, format="png"))
     return {
         "label": label,
         "words": in_words(study.scenarios[label]),
@@ -225,7 +207,7 @@ def _effects(table: pd.DataFrame | None, study: Any) -> dict[str, Any] | None:
         return None
     display = Display.of(study)
     groups = [(heading, effect_cells(part, display)) for heading, part in effect_groups(table)]
-    picture = _picture(
+    picture = inline_picture(
         forest(table, study),
         "Forest plot of the effect size of each ingredient with its interval",
         "Effect of each ingredient: right of the line the base's value is better. Bands are negligible, "
@@ -260,7 +242,7 @@ def _curves(table: pd.DataFrame | None, study: Any) -> list[dict[str, Any]]:
     if table is None:
         return []
     return [
-        _picture(
+        inline_picture(
             curve_picture(table, study, curve=k),
             f"Curves of the {Display.of(study).label} of each solver against {curve.axis[1]}",
             f"{', '.join(filter(None, (curve.axis[1], curve.label)))}: median and quartiles over all runs; "
@@ -274,7 +256,7 @@ def _curves(table: pd.DataFrame | None, study: Any) -> list[dict[str, Any]]:
 def _overall(overall: OverallRanks, study: Any) -> dict[str, Any]:
     """Return the section on the ranks over one group of scenarios."""
     cells = overall_cells(overall)
-    picture = _picture(
+    picture = inline_picture(
         rank_picture(overall, study),
         f"Mean ranks of the solvers over {overall.group} with Nemenyi's critical difference",
         "Mean ranks, half the critical difference to either side: bars that do not overlap differ "
@@ -287,12 +269,6 @@ def _overall(overall: OverallRanks, study: Any) -> dict[str, Any]:
         "words": overall_words(overall),
         "picture": picture,
     }
-
-
-def _picture(figure: Figure, alt: str, caption: str, *, format: str = "svg") -> dict[str, str]:
-    data = base64.b64encode(render(figure, format=format, dpi=MAP_DPI)).decode("ascii")
-    kind = "svg+xml" if format == "svg" else format
-    return {"source": f"data:image/{kind};base64,{data}", "alt": alt, "caption": caption}
 
 
 def _failures(runs: pd.DataFrame) -> list[dict[str, Any]]:
@@ -354,23 +330,3 @@ def _flat(runs: pd.DataFrame) -> pd.DataFrame:
     if "x" in flat:
         flat["x"] = [" ".join(repr(float(v)) for v in np.ravel(x)) for x in flat["x"]]
     return flat
-
-
-def _write(path: Path, text: str) -> None:
-    """Replace a file as a whole."""
-    temporary = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        with os.fdopen(descriptor, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(temporary, 0o666 & ~mask)  # mkstemp's files are the owner's alone
-        os.replace(temporary, path)
-    except OSError as error:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
-        raise StoreError(
-            f"path: cannot write {path} ({error.strerror}); give a folder you may write to"
-        ) from error

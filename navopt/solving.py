@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import version
 from typing import Any
 
@@ -230,5 +231,11 @@ def _settings(algorithm: Algorithm, problem: EstimationProblem, **asked: Any) ->
         "termination": "budget" if asked["budget"] is not None else type(algorithm.termination).__name__,
         **asked,
         "seed": algorithm.seed if algorithm.seed is not None else asked["seed"],
-        "versions": {name: version(name) for name in ("navopt", "pymoo", "numpy")},
+        "versions": {name: _version(name) for name in ("navopt", "pymoo", "numpy")},
     }
+
+
+@cache
+def _version(name: str) -> str:
+    """Installed version, read from disk once and not in every run."""
+    return version(name)

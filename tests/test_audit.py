@@ -469,7 +469,7 @@ def test_the_page_stands_alone_and_repeats_itself(flies, tmp_path):
 
 def test_an_unfinished_audit_says_so(flies, tmp_path, monkeypatch):
     picture = {"source": "data:", "alt": "", "caption": ""}
-    monkeypatch.setattr("comparisons.audit_report._picture", lambda *arguments: picture)
+    monkeypatch.setattr("comparisons.audit_report.inline_picture", lambda *arguments: picture)
     part = AuditResult(flies.audit, flies.gaps.query("seed < 5"))
     assert all(verdict.biased is None for verdict in part.verdicts())
     assert "not judged" in part.text()

@@ -411,7 +411,7 @@ def folder(tmp_path_factory):
 
 def test_table_1_is_compared_on_the_page_and_the_console(folder, monkeypatch):
     # drawing is tested elsewhere, and of fourteen pictures takes ten seconds
-    monkeypatch.setattr("comparisons.report.render", lambda figure, **options: b"")
+    monkeypatch.setattr("comparisons.pages.render", lambda figure, **options: b"")
     for name in ("convergence", "error_boxes"):
         monkeypatch.setattr(f"comparisons.report.{name}", lambda *a, **k: None)
     with ResultsStore(folder) as store:
