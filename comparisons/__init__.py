@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from comparisons.audit import Audit as Audit
     from comparisons.audit import AuditResult as AuditResult
     from comparisons.audit import run_audit as run_audit
+    from comparisons.calibrate import Calibration as Calibration
+    from comparisons.calibrate import calibrate_recording as calibrate_recording
     from comparisons.effects import effect_table as effect_table
     from comparisons.effects_page import print_effects as print_effects
     from comparisons.entries import Printed as Printed
@@ -35,6 +37,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "Ablation": "comparisons.ablation",
         "Audit": "comparisons.audit",
         "AuditResult": "comparisons.audit",
+        "Calibration": "comparisons.calibrate",
         "Match": "comparisons.match",
         "Printed": "comparisons.entries",
         "ResultsStore": "comparisons.store",
@@ -43,6 +46,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "Study": "comparisons.study",
         "Success": "comparisons.study",
         "Summary": "comparisons.runner",
+        "calibrate_recording": "comparisons.calibrate",
         "effect_table": "comparisons.effects",
         "list_studies": "comparisons.study",
         "match_track": "comparisons.match",

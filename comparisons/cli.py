@@ -15,6 +15,7 @@ from typer.core import TyperGroup
 
 from comparisons.audit_command import audit
 from comparisons.bbob_command import bbob
+from comparisons.calibrate_command import calibrate
 from comparisons.console import console, resumable
 from comparisons.match_command import match
 
@@ -155,6 +156,7 @@ def gravity_map(
 
 app.command("audit")(audit)
 app.command("bbob")(bbob)
+app.command("calibrate")(calibrate)
 app.command("match")(match)
 
 

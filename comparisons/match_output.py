@@ -8,17 +8,14 @@ import hashlib
 import io
 import json
 import math
-import os
-import shutil
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from comparisons.result_folder import write_files
 from comparisons.run_key import versions
-from navopt.errors import InvalidInput
 
 if TYPE_CHECKING:
     from comparisons.match import Match
@@ -76,33 +73,7 @@ def write_match(match: Match, folder: str | Path, *, inputs: Mapping[str, Path] 
         "residuals.png": render(residual_picture(match), format="png"),
         "match.json": _json(match_summary(match, inputs=inputs)),
     }
-    target = Path(folder)
-    if target.exists() and not target.is_dir():
-        raise InvalidInput("--out", str(folder), "give a folder, not a file")
-    for name in FILES:
-        if (target / name).is_dir():
-            raise InvalidInput("--out", str(folder), f"there is a folder {name} in it: give another one")
-    made = [parent for parent in (target, *target.parents) if not parent.exists()]
-    waiting: Path | None = None
-    try:
-        target.mkdir(parents=True, exist_ok=True)
-        # first everything beside its place, then one rename each
-        waiting = Path(tempfile.mkdtemp(prefix=".match-", dir=target))
-        for name in FILES:
-            (waiting / name).write_bytes(contents[name])
-        for name in FILES:
-            os.replace(waiting / name, target / name)
-    except OSError as error:
-        if waiting is not None:
-            shutil.rmtree(waiting, ignore_errors=True)
-        for parent in made:
-            if parent.is_dir() and not any(parent.iterdir()):
-                parent.rmdir()
-        raise InvalidInput(
-            "--out", str(folder), f"give a folder that can be written ({error.strerror})"
-        ) from None
-    shutil.rmtree(waiting, ignore_errors=True)
-    return [target / name for name in FILES]
+    return write_files(folder, {name: contents[name] for name in FILES})
 
 
 def match_csv(match: Match) -> str:

@@ -8,6 +8,8 @@ from navopt.lazy import lazy_names
 
 if TYPE_CHECKING:
     from navopt.data.egm2008 import free_air_anomaly as free_air_anomaly
+    from navopt.data.imu_files import read_imu as read_imu
+    from navopt.data.imu_recording import ImuRecording as ImuRecording
     from navopt.data.map_files import read_map as read_map
     from navopt.data.recorded import RecordedTrack as RecordedTrack
     from navopt.data.recorded import read_track as read_track
@@ -19,10 +21,12 @@ if TYPE_CHECKING:
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
+        "ImuRecording": "navopt.data.imu_recording",
         "MeasuredTrack": "navopt.data.tracks",
         "RecordedTrack": "navopt.data.recorded",
         "ShipTrack": "navopt.data.ship_tracks",
         "free_air_anomaly": "navopt.data.egm2008",
+        "read_imu": "navopt.data.imu_files",
         "read_map": "navopt.data.map_files",
         "read_ship_csv": "navopt.data.ship_tracks",
         "read_track": "navopt.data.recorded",
