@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from navopt.algorithms.paper_presets import ParticleSwarm001 as ParticleSwarm001
     from navopt.algorithms.particle_swarm import ParticleSwarm as ParticleSwarm
     from navopt.algorithms.perturbed_fruit_fly import PerturbedFruitFly as PerturbedFruitFly
+    from navopt.algorithms.phased import Phased as Phased
+    from navopt.algorithms.phased_fit import PhasedFit as PhasedFit
     from navopt.algorithms.pymoo_solvers import de as de
     from navopt.algorithms.pymoo_solvers import pso as pso
     from navopt.algorithms.random_search import RandomSearch as RandomSearch
@@ -55,6 +57,8 @@ __getattr__, __dir__, __all__ = lazy_names(
         "ParticleSwarm000": "navopt.algorithms.paper_presets",
         "ParticleSwarm001": "navopt.algorithms.paper_presets",
         "PerturbedFruitFly": "navopt.algorithms.perturbed_fruit_fly",
+        "Phased": "navopt.algorithms.phased",
+        "PhasedFit": "navopt.algorithms.phased_fit",
         "RandomSearch": "navopt.algorithms.random_search",
         "SinglePointBeeColony": "navopt.algorithms.improved_bee_colony",
         "StudentFruitFly": "navopt.algorithms.student_fruit_fly",
