@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass, is_dataclass
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from pymoo.core.problem import Problem
 
 from navopt.errors import InvalidInput, NoBound, NoTruth, NumericalFault, UnsuitableProblem
+
+if TYPE_CHECKING:
+    from navopt.identifiability import Identifiability
 
 __all__ = ["EstimationProblem", "Parameter", "stream"]
 
@@ -316,6 +319,37 @@ class EstimationProblem(Problem):
         if not np.isfinite(scaled).all() or np.linalg.cond(scaled) > 1e14:
             raise NoBound("the information matrix is singular here: not every parameter is identifiable")
         return np.linalg.inv(scaled) * np.outer(width, width)
+
+    def identifiability(self, x: np.ndarray | None = None) -> Identifiability:
+        """What the data can tell of the parameters at a point, see `navopt.identifiability`.
+
+        Parameters
+        ----------
+        x : array_like, shape (n_var,), optional
+            Where; the truth (or its projection) if not given, the nominal point where there is none.
+
+        Returns
+        -------
+        Identifiability
+
+        Raises
+        ------
+        UnsuitableProblem
+            If the problem has no residuals.
+        """
+        from navopt.identifiability import identifiability
+
+        return identifiability(self, x)
+
+    def describe_direction(self, coefficients: dict[str, float]) -> str:
+        """Say in the field's words what a combination of parameters is; empty if there is no word.
+
+        Parameters
+        ----------
+        coefficients : dict of str to float
+            Weight of each parameter, in units of half the box width or of the prior's sigma.
+        """
+        return ""
 
     def redraw(self, seed: int) -> EstimationProblem:
         """Return the held-out twin: same scenario and truth, new noise drawn from `seed`."""

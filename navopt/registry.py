@@ -39,6 +39,7 @@ CAPABILITIES = {
     "residuals": "whitened residuals and their Jacobian",
     "prior": "a prior mean and covariance",
     "bound": "a Cramér–Rao bound",
+    "triad": "sensor triads at rest in several positions (GyroCalibration)",
     "track": "an inertial track measured over a field map (GravityMatching)",
     "similarity": "a translation, rotation and scale of a track (GravityMatching)",
 }

@@ -12,6 +12,7 @@ import navopt
 from navopt.problem import EstimationProblem, Parameter
 from navopt.problems.analytic import Sphere
 from navopt.problems.gravity_matching import GravityMatching
+from navopt.problems.gyro_calibration import GyroCalibration
 
 SOLVERS = navopt.list_solvers()
 
@@ -36,6 +37,15 @@ class Altered(EstimationProblem):
     def _loss(self, X: np.ndarray) -> np.ndarray:
         return self.change(self.inner._loss(X), X)
 
+    def _residuals(self, X: np.ndarray) -> np.ndarray:
+        return self.inner._residuals(X)
+
+    def _jacobian(self, X: np.ndarray) -> np.ndarray:
+        return self.inner._jacobian(X)
+
+    def prior(self) -> tuple[np.ndarray, np.ndarray] | None:
+        return self.inner.prior()
+
     def estimate(self, x: np.ndarray) -> Any:
         return self.inner.estimate(x)
 
@@ -48,7 +58,10 @@ class Altered(EstimationProblem):
 
 @lru_cache(maxsize=256)
 def world(name: str, seed: int = 0) -> EstimationProblem:
-    """One world of a problem that suits a solver: the plain sphere, or gravity where it needs a track."""
+    """One world of a problem that suits a solver: the plain sphere, or the problem it was made for."""
+    if "triad" in navopt.solver_info(name).needs:
+        # well inside the box, whatever the noise
+        return navopt.simulate("gyro-calibration", seed, scale_spread_ppm=200.0, noise={"deg_sqrt_h": 0.0005})
     if navopt.solver_info(name).needs:
         return navopt.simulate("gravity-matching", seed, hours=2.0)
     return navopt.simulate("sphere", seed, n_var=4)
@@ -63,6 +76,8 @@ def hostile_boxes(name: str) -> dict[str, EstimationProblem]:
             "far from zero": Sphere([1e6 + 1.0, -1e6], lower=[1e6, -1e6 - 2], upper=[1e6 + 3, -1e6 + 1]),
         }
     base = world(name)
+    if isinstance(base, GyroCalibration):
+        return hostile_gyros(base)
     assert isinstance(base, GravityMatching)
     boxes = {
         "all negative": [[-9e3, -2e3], [-8e3, -1e3], [-0.3, -0.1], [0.8, 0.9]],
@@ -74,4 +89,26 @@ def hostile_boxes(name: str) -> dict[str, EstimationProblem]:
             base.field_map, base.track, prior_covariance=base.prior()[1], box=np.array(box)
         )
         for label, box in boxes.items()
+    }
+
+
+def hostile_gyros(base: GyroCalibration) -> dict[str, EstimationProblem]:
+    """Boxes that miss the preset or reach far to one side of it, in units of the box about it."""
+    width = (base.xu - base.xl)[:, None]
+    sides = {
+        "all negative": [-3.0, -2.0],
+        "asymmetric": [-0.1, 4.0],
+        "far from zero": [30.0, 31.0],
+    }
+    return {
+        label: GyroCalibration(
+            base.counts,
+            latitude=base.latitude,
+            noise=base.noise,
+            fixed=base.preset,
+            turntable_counts=base.turntable_counts,
+            turntable_rates=base.turntable_rates,
+            box=base.nominal[:, None] + width * np.array(side),
+        )
+        for label, side in sides.items()
     }

@@ -25,7 +25,10 @@ if TYPE_CHECKING:
     from navopt.problems.gravity_sensing import MeasurementErrors as MeasurementErrors
     from navopt.problems.gravity_window import track_error_bound as track_error_bound
     from navopt.problems.gravity_window import window_error_bound as window_error_bound
+    from navopt.problems.gyro_calibration import GyroCalibration as GyroCalibration
+    from navopt.problems.gyro_navigation import GyroNavigation as GyroNavigation
     from navopt.problems.noisy import Noisy as Noisy
+    from navopt.problems.restricted import Restricted as Restricted
     from navopt.problems.ship_gravity import ShipGravity as ShipGravity
     from navopt.problems.wrapper_base import Wrapper as Wrapper
     from navopt.problems.wrappers import Rotated as Rotated
@@ -39,6 +42,8 @@ __getattr__, __dir__, __all__ = lazy_names(
         "AnalyticFunction": "navopt.problems.analytic_base",
         "GravityMatching": "navopt.problems.gravity_matching",
         "Griewank": "navopt.problems.analytic",
+        "GyroCalibration": "navopt.problems.gyro_calibration",
+        "GyroNavigation": "navopt.problems.gyro_navigation",
         "HelicalValley": "navopt.problems.analytic",
         "MatchedTrack": "navopt.problems.gravity_matching",
         "MeasurementErrors": "navopt.problems.gravity_sensing",
@@ -46,6 +51,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "Point": "navopt.problems.analytic_base",
         "Rastrigin": "navopt.problems.analytic",
         "Rosenbrock": "navopt.problems.analytic",
+        "Restricted": "navopt.problems.restricted",
         "Rotated": "navopt.problems.wrappers",
         "ScalableFunction": "navopt.problems.analytic_base",
         "Scaled": "navopt.problems.wrappers",
