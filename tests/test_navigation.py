@@ -8,10 +8,11 @@ from scipy import optimize, stats
 
 from navopt.errors import InvalidInput, NavoptError, UnknownName
 from navopt.models.earth import EARTH_RATE, GRAVITY, NAUTICAL_MILE, SCHULER_PERIOD, principal_radii
-from navopt.models.navigation import CalibrationResidual, LakeScenario, StaticScenario, navigation_error
+from navopt.models.navigation import CalibrationResidual, navigation_error
 from navopt.models.navigation_alignment import align, alignment_limits, attitude_matrix, platform_angles
 from navopt.models.navigation_linear import error_steps
 from navopt.models.navigation_noise import draw_run_errors
+from navopt.models.navigation_scenarios import LakeScenario, StaticScenario
 from navopt.models.sensor_noise import AccelerometerNoise, GyroNoise
 from navopt.models.triad import DEGREE_PER_HOUR, AccelerometerTriad, GyroTriad, residual_error
 

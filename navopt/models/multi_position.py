@@ -6,7 +6,7 @@ no length. It is fixed by convention: the misalignment matrix is lower triangula
 first sensor and y in the plane of the first two. Where the specific force is known in the same axes, the
 angle between Earth rate and vertical, fixed by the latitude, determines the three others of the gyros.
 
-Residuals are (|x|^2 - tr(S) - n^2) / (2 n), with S the covariance of the calibrated mean: without the
+Residuals are ``(x @ x - tr(S) - n**2) / (2 n)``, with S the covariance of the calibrated mean: without the
 trace, noise would make every vector too long. Each is divided by its own sigma, so that the Jacobian gives
 the covariance of the parameters.
 """

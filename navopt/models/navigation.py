@@ -22,16 +22,10 @@ from navopt.models.earth import NAUTICAL_MILE
 from navopt.models.navigation_alignment import align, attitude_matrix, platform_angles
 from navopt.models.navigation_linear import SWAP, error_steps, propagate
 from navopt.models.navigation_noise import RunErrors, draw_run_errors
-from navopt.models.navigation_scenarios import LakeScenario, NavigationScenario, StaticScenario
+from navopt.models.navigation_scenarios import NavigationScenario
 from navopt.models.triad import AccelerometerTriad, GyroTriad, SensorTriad
 
-__all__ = [
-    "CalibrationResidual",
-    "LakeScenario",
-    "NavigationError",
-    "StaticScenario",
-    "navigation_error",
-]
+__all__ = ["CalibrationResidual", "NavigationError", "navigation_error"]
 
 Array = NDArray[np.float64]
 
@@ -239,6 +233,7 @@ def navigation_error(
     --------
     A thousandth of a degree per hour about the vertical, without alignment, ends 0.72 nautical miles off:
 
+    >>> from navopt.models import StaticScenario
     >>> drift = CalibrationResidual.of_errors(bias=(0.0, 0.0, 4.85e-9))
     >>> float(navigation_error(drift, StaticScenario(alignment="perfect")).end_nmi.round(2))
     0.72
