@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import hashlib
 import io
 import json
 import math
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from comparisons.calibrate_report import calibration_report, decimals
-from comparisons.result_folder import write_files
+from comparisons.result_folder import checksums_of, write_files
 from comparisons.run_key import versions
 from navopt.models.triad import PARAMETER_NAMES
 
@@ -104,10 +103,6 @@ def calibration_summary(
         ``matrix @ (sample - zero - offset)``.
     """
     recording, poses, rest = calibration.recording, calibration.poses, calibration.gyro_bias
-    files = {
-        name: {"name": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
-        for name, path in (inputs or {}).items()
-    }
     return {
         "format": FORMAT,
         "accelerometer": _triad(
@@ -143,7 +138,7 @@ def calibration_summary(
             "duration_s": recording.duration,
             "interval_s": recording.interval,
         },
-        "files": files,
+        "files": checksums_of(inputs),
         "notes": list(calibration.notes),
         "versions": versions(),
     }

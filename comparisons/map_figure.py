@@ -111,6 +111,18 @@ def match_map(
             _draw(axes, line, count, closer=k)
         _frame(axes, extent, name + (f"\ncontours every {interval:g} {unit}" if interval else ""))
         _scale_bar(axes, extent, lines)
+    handles = _finish(figure, panels, extents, mesh, lines, unit)
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=columns, handlelength=3.4,
+        title="in brackets: distance of the last point from the truth" if known else None,
+    )  # fmt: skip
+    return figure
+
+
+def _finish(
+    figure: Figure, panels: Any, extents: list[_Extent], mesh: Any, lines: list[_Drawn], unit: str
+) -> list[Line2D]:
+    """Frame in each panel what the next one shows, label axes and colours; return the legend's lines."""
     for axes, (south, north, west, east) in ((panels[0], extents[1]), (panels[1], extents[2])):
         frame = Rectangle((west, south), east - west, north - south, fill=False, edgecolor="#222222")
         frame.set(linewidth=0.9, zorder=30)
@@ -121,15 +133,10 @@ def match_map(
         mesh, ax=list(panels), location="bottom", shrink=0.5, aspect=40, extend="both",
         label=f"gravity anomaly ({unit})",
     )  # fmt: skip
-    handles = [
+    return [
         Line2D([], [], color=style.colour, linestyle=style.line, marker=style.marker, label=label)
         for label, style in ((line.label, line.style) for line in lines)
     ]
-    figure.legend(
-        handles=handles, loc="outside lower center", ncols=columns, handlelength=3.4,
-        title="in brackets: distance of the last point from the truth" if known else None,
-    )  # fmt: skip
-    return figure
 
 
 def _kilometres(latitude: float, longitude: float, latitude0: float, longitude0: float) -> float:

@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
 
 from comparisons.drawing import UNAIDED, WIDTH, Style, styled
 from comparisons.map_figure import (
@@ -19,6 +18,7 @@ from comparisons.map_figure import (
     _draw,
     _Drawn,
     _field,
+    _finish,
     _frame,
     _inside,
     _kilometres,
@@ -101,20 +101,7 @@ def match_picture(match: Match) -> Figure:
         _ellipses(axes, match, matched, closer=k, count=count)
         _frame(axes, extent, title + (f"\ncontours every {interval:g} mGal" if interval else "\n"))
         _scale_bar(axes, extent, lines)
-    for axes, (south, north, west, east) in ((panels[0], extents[1]), (panels[1], extents[2])):
-        frame = Rectangle((west, south), east - west, north - south, fill=False, edgecolor="#222222")
-        frame.set(linewidth=0.9, zorder=30)
-        axes.add_patch(frame)
-    panels[0].set_ylabel("latitude (°)")
-    panels[1].set_xlabel("longitude (°)")
-    figure.colorbar(
-        mesh, ax=list(panels), location="bottom", shrink=0.5, aspect=40, extend="both",
-        label="gravity anomaly (mGal)",
-    )  # fmt: skip
-    handles: list[Any] = [
-        Line2D([], [], color=style.colour, linestyle=style.line, marker=style.marker, label=label)
-        for label, style in ((line.label, line.style) for line in lines)
-    ]
+    handles = _finish(figure, panels, extents, mesh, lines, "mGal")
     if np.isfinite(match.covariance).any():
         handles.append(
             Line2D(

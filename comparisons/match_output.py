@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import hashlib
 import io
 import json
 import math
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from comparisons.result_folder import write_files
+from comparisons.result_folder import checksums_of, write_files
 from comparisons.run_key import versions
 
 if TYPE_CHECKING:
@@ -164,9 +163,6 @@ def match_summary(match: Match, *, inputs: Mapping[str, Path] | None = None) -> 
     inertial, matched = match.residuals()
     west, east_edge, south, north_edge = match.field_map.bounds_deg
     settings = dict(solution.settings)
-    files = {}
-    for name, path in (inputs or {}).items():
-        files[name] = {"name": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
     summary = {
         "format": FORMAT,
         "result": {
@@ -209,7 +205,7 @@ def match_summary(match: Match, *, inputs: Mapping[str, Path] | None = None) -> 
             "west_east_south_north_deg": [west, east_edge, south, north_edge],
             "nodes": list(match.field_map.shape),
         },
-        "files": files,
+        "files": checksums_of(inputs),
         "notes": list(match.notes),
         "versions": versions(),
     }

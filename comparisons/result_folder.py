@@ -1,7 +1,8 @@
-"""Files of a result written as one: all of them, or none."""
+"""Files of a result written as one, all of them or none, and the checksums of what it was made from."""
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import tempfile
@@ -10,7 +11,15 @@ from pathlib import Path
 
 from navopt.errors import InvalidInput
 
-__all__ = ["write_files"]
+__all__ = ["checksums_of", "write_files"]
+
+
+def checksums_of(inputs: Mapping[str, Path] | None) -> dict[str, dict[str, str]]:
+    """Return name and SHA-256 of the files that were read, by what each was read as."""
+    return {
+        label: {"name": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+        for label, path in (inputs or {}).items()
+    }
 
 
 def write_files(folder: str | Path, contents: Mapping[str, bytes]) -> list[Path]:
