@@ -30,6 +30,11 @@ if TYPE_CHECKING:
     from comparisons.study import Study as Study
     from comparisons.study import Success as Success
     from comparisons.study import list_studies as list_studies
+    from comparisons.tune import Tuning as Tuning
+    from comparisons.tune import tune_files as tune_files
+    from comparisons.tune import tune_filter as tune_filter
+    from comparisons.tune_check import FilterCheck as FilterCheck
+    from comparisons.tune_check import check_filter as check_filter
 
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
@@ -38,6 +43,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "Audit": "comparisons.audit",
         "AuditResult": "comparisons.audit",
         "Calibration": "comparisons.calibrate",
+        "FilterCheck": "comparisons.tune_check",
         "Match": "comparisons.match",
         "Printed": "comparisons.entries",
         "ResultsStore": "comparisons.store",
@@ -46,7 +52,9 @@ __getattr__, __dir__, __all__ = lazy_names(
         "Study": "comparisons.study",
         "Success": "comparisons.study",
         "Summary": "comparisons.runner",
+        "Tuning": "comparisons.tune",
         "calibrate_recording": "comparisons.calibrate",
+        "check_filter": "comparisons.tune_check",
         "effect_table": "comparisons.effects",
         "list_studies": "comparisons.study",
         "match_track": "comparisons.match",
@@ -56,6 +64,8 @@ __getattr__, __dir__, __all__ = lazy_names(
         "ranked_table": "comparisons.statistics",
         "run_audit": "comparisons.audit",
         "run_study": "comparisons.runner",
+        "tune_files": "comparisons.tune",
+        "tune_filter": "comparisons.tune",
         "write_report": "comparisons.report",
     },
 )

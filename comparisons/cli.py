@@ -15,9 +15,11 @@ from typer.core import TyperGroup
 
 from comparisons.audit_command import audit
 from comparisons.bbob_command import bbob
+from comparisons.bench_command import bench
 from comparisons.calibrate_command import calibrate
 from comparisons.console import console, resumable
 from comparisons.match_command import match
+from comparisons.tune_command import tune
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -157,7 +159,9 @@ def gravity_map(
 app.command("audit")(audit)
 app.command("bbob")(bbob)
 app.command("calibrate")(calibrate)
+app.command("bench")(bench)
 app.command("match")(match)
+app.command("tune")(tune)
 
 
 def _region(text: str) -> tuple[float, float, float, float]:

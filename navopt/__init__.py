@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from navopt import algorithms as algorithms
     from navopt import data as data
     from navopt import errors as errors
+    from navopt import filters as filters
     from navopt import models as models
     from navopt import problems as problems
     from navopt.evaluation import Counts as Counts
@@ -46,6 +47,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "algorithms": "navopt.algorithms",
         "data": "navopt.data",
         "errors": "navopt.errors",
+        "filters": "navopt.filters",
         "list_problems": "navopt.registry",
         "list_solvers": "navopt.registry",
         "make_solver": "navopt.registry",

@@ -42,6 +42,7 @@ CAPABILITIES = {
     "triad": "sensor triads at rest in several positions (GyroCalibration)",
     "track": "an inertial track measured over a field map (GravityMatching)",
     "similarity": "a translation, rotation and scale of a track (GravityMatching)",
+    "linear-gaussian": "a linear-Gaussian model with its measurements (NoiseTuning)",
 }
 _REASONED = ("spends_all", "comparison_based", "resumable")
 

@@ -13,6 +13,7 @@ from navopt.problem import EstimationProblem, Parameter
 from navopt.problems.analytic import Sphere
 from navopt.problems.gravity_matching import GravityMatching
 from navopt.problems.gyro_calibration import GyroCalibration
+from navopt.problems.noise_tuning import NoiseTuning
 
 SOLVERS = navopt.list_solvers()
 
@@ -62,6 +63,8 @@ def world(name: str, seed: int = 0) -> EstimationProblem:
     if "triad" in navopt.solver_info(name).needs:
         # well inside the box, whatever the noise
         return navopt.simulate("gyro-calibration", seed, scale_spread_ppm=200.0, noise={"deg_sqrt_h": 0.0005})
+    if "linear-gaussian" in navopt.solver_info(name).needs:
+        return navopt.simulate("noise-tuning", seed, steps=120)
     if navopt.solver_info(name).needs:
         return navopt.simulate("gravity-matching", seed, hours=2.0)
     return navopt.simulate("sphere", seed, n_var=4)
@@ -78,6 +81,8 @@ def hostile_boxes(name: str) -> dict[str, EstimationProblem]:
     base = world(name)
     if isinstance(base, GyroCalibration):
         return hostile_gyros(base)
+    if isinstance(base, NoiseTuning):
+        return hostile_noises(base)
     assert isinstance(base, GravityMatching)
     boxes = {
         "all negative": [[-9e3, -2e3], [-8e3, -1e3], [-0.3, -0.1], [0.8, 0.9]],
@@ -89,6 +94,20 @@ def hostile_boxes(name: str) -> dict[str, EstimationProblem]:
             base.field_map, base.track, prior_covariance=base.prior()[1], box=np.array(box)
         )
         for label, box in boxes.items()
+    }
+
+
+def hostile_noises(base: NoiseTuning) -> dict[str, EstimationProblem]:
+    """Boxes of logarithms that miss the true variances, or reach far to one side of them."""
+    model = base.model
+    scales = {
+        "all negative": [[-3.0, -1.0], [-2.0, -0.1]],
+        "asymmetric": [[-0.5, 4.0], [-6.0, 0.1]],
+        "far from zero": [[2.0, 4.0], [3.0, 3.5]],
+    }
+    return {
+        label: NoiseTuning(model.F, model.H, model.y, G=model.G, P0=model.P0, box=np.array(box))
+        for label, box in scales.items()
     }
 
 

@@ -8,6 +8,8 @@ from navopt.lazy import lazy_names
 
 if TYPE_CHECKING:
     from navopt.models import earth as earth
+    from navopt.models.alignment_sensors import ImuGrade as ImuGrade
+    from navopt.models.covariance_analysis import analyse_filter as analyse_filter
     from navopt.models.cruise import CruiseScenario as CruiseScenario
     from navopt.models.cruise import InsErrors as InsErrors
     from navopt.models.cruise import InsTrack as InsTrack
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from navopt.models.ins import position_error_covariance as position_error_covariance
     from navopt.models.ins import simulate_ins as simulate_ins
     from navopt.models.ins import velocity_error_covariance as velocity_error_covariance
+    from navopt.models.linear_gaussian import LinearGaussianModel as LinearGaussianModel
     from navopt.models.navigation import CalibrationResidual as CalibrationResidual
     from navopt.models.navigation import NavigationError as NavigationError
     from navopt.models.navigation import navigation_error as navigation_error
@@ -38,6 +41,8 @@ if TYPE_CHECKING:
     from navopt.models.sins_error import segment_heading_error as segment_heading_error
     from navopt.models.sins_error import segment_length_ratio as segment_length_ratio
     from navopt.models.sins_error import segment_scale as segment_scale
+    from navopt.models.static_alignment import AlignmentModel as AlignmentModel
+    from navopt.models.static_alignment import StaticSite as StaticSite
     from navopt.models.track_errors import TrackErrorBasis as TrackErrorBasis
     from navopt.models.track_errors import track_error_basis as track_error_basis
     from navopt.models.triad import AccelerometerTriad as AccelerometerTriad
@@ -51,6 +56,7 @@ __getattr__, __dir__, __all__ = lazy_names(
     {
         "AccelerometerNoise": "navopt.models.sensor_noise",
         "AccelerometerTriad": "navopt.models.triad",
+        "AlignmentModel": "navopt.models.static_alignment",
         "CalibrationResidual": "navopt.models.navigation",
         "CruiseScenario": "navopt.models.cruise",
         "ErrorBasis": "navopt.models.ins",
@@ -58,14 +64,18 @@ __getattr__, __dir__, __all__ = lazy_names(
         "GyroNoise": "navopt.models.sensor_noise",
         "GyroTriad": "navopt.models.triad",
         "ImuCalibration": "navopt.models.imu_calibration",
+        "ImuGrade": "navopt.models.alignment_sensors",
         "InsErrors": "navopt.models.cruise",
         "InsTrack": "navopt.models.cruise",
         "LakeScenario": "navopt.models.navigation_scenarios",
+        "LinearGaussianModel": "navopt.models.linear_gaussian",
         "NavigationError": "navopt.models.navigation",
         "SensorTriad": "navopt.models.triad",
         "StaticScenario": "navopt.models.navigation_scenarios",
+        "StaticSite": "navopt.models.static_alignment",
         "TrackErrorBasis": "navopt.models.track_errors",
         "TrueMotion": "navopt.models.sins_error",
+        "analyse_filter": "navopt.models.covariance_analysis",
         "attitude_from_euler": "navopt.models.positions",
         "earth": "navopt.models.earth",
         "earth_rate": "navopt.models.positions",

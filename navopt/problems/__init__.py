@@ -27,9 +27,16 @@ if TYPE_CHECKING:
     from navopt.problems.gravity_window import window_error_bound as window_error_bound
     from navopt.problems.gyro_calibration import GyroCalibration as GyroCalibration
     from navopt.problems.gyro_navigation import GyroNavigation as GyroNavigation
+    from navopt.problems.noise_estimate import NoiseEstimate as NoiseEstimate
+    from navopt.problems.noise_estimate import NoiseTruth as NoiseTruth
+    from navopt.problems.noise_tuning import NoiseTuning as NoiseTuning
     from navopt.problems.noisy import Noisy as Noisy
+    from navopt.problems.pushing_distance import PushingDistance as PushingDistance
+    from navopt.problems.pushing_distance import integrate_twice as integrate_twice
     from navopt.problems.restricted import Restricted as Restricted
     from navopt.problems.ship_gravity import ShipGravity as ShipGravity
+    from navopt.problems.static_alignment import AlignedAttitude as AlignedAttitude
+    from navopt.problems.static_alignment import StaticAlignment as StaticAlignment
     from navopt.problems.wrapper_base import Wrapper as Wrapper
     from navopt.problems.wrappers import Rotated as Rotated
     from navopt.problems.wrappers import Scaled as Scaled
@@ -39,6 +46,7 @@ __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
         "Ackley": "navopt.problems.analytic",
+        "AlignedAttitude": "navopt.problems.static_alignment",
         "AnalyticFunction": "navopt.problems.analytic_base",
         "GravityMatching": "navopt.problems.gravity_matching",
         "Griewank": "navopt.problems.analytic",
@@ -47,22 +55,28 @@ __getattr__, __dir__, __all__ = lazy_names(
         "HelicalValley": "navopt.problems.analytic",
         "MatchedTrack": "navopt.problems.gravity_matching",
         "MeasurementErrors": "navopt.problems.gravity_sensing",
+        "NoiseEstimate": "navopt.problems.noise_estimate",
+        "NoiseTruth": "navopt.problems.noise_estimate",
+        "NoiseTuning": "navopt.problems.noise_tuning",
         "Noisy": "navopt.problems.noisy",
         "Point": "navopt.problems.analytic_base",
+        "PushingDistance": "navopt.problems.pushing_distance",
         "Rastrigin": "navopt.problems.analytic",
-        "Rosenbrock": "navopt.problems.analytic",
         "Restricted": "navopt.problems.restricted",
+        "Rosenbrock": "navopt.problems.analytic",
         "Rotated": "navopt.problems.wrappers",
         "ScalableFunction": "navopt.problems.analytic_base",
         "Scaled": "navopt.problems.wrappers",
         "Shifted": "navopt.problems.wrappers",
         "ShipGravity": "navopt.problems.ship_gravity",
         "Sphere": "navopt.problems.analytic",
+        "StaticAlignment": "navopt.problems.static_alignment",
         "TestTubeHolder": "navopt.problems.analytic",
         "TrackPosterior": "navopt.problems.gravity_posterior",
         "Wood": "navopt.problems.analytic",
         "Wrapper": "navopt.problems.wrapper_base",
         "Zettl": "navopt.problems.analytic",
+        "integrate_twice": "navopt.problems.pushing_distance",
         "track_error_bound": "navopt.problems.gravity_window",
         "window_error_bound": "navopt.problems.gravity_window",
     },

@@ -1,0 +1,113 @@
+"""Candidates of a batched filter: their shapes, what is wrong with them, and their packing into lanes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from navopt.errors import InvalidInput
+from navopt.filters.lanes import LANES
+
+__all__ = ["as_candidates", "fault", "is_diagonal", "pack"]
+
+#: Largest relative asymmetry taken for rounding.
+ASYMMETRY = 1e-9
+
+
+def as_candidates(name: str, value: Any, size: int, steps: int) -> np.ndarray:
+    """Candidates as an array of shape (K, 1 or steps, size, size).
+
+    Parameters
+    ----------
+    name : str
+        What the matrix is called in messages.
+    value : array_like, shape (size, size), (K, size, size) or (K, steps, size, size)
+        One or many matrices, or one per candidate and step.
+    size, steps : int
+        Expected sizes.
+
+    Raises
+    ------
+    InvalidInput
+        If it has another shape.
+    """
+    try:
+        matrix = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidInput(name, value, "give an array of numbers") from None
+    if matrix.ndim == 2:
+        matrix = matrix[None]
+    if matrix.ndim == 3:
+        matrix = matrix[:, None]
+    if matrix.ndim != 4 or matrix.shape[1] not in (1, steps) or matrix.shape[2:] != (size, size):
+        raise InvalidInput(
+            name,
+            f"shape {np.shape(value)}",
+            f"give ({size}, {size}), (K, {size}, {size}) or (K, {steps}, {size}, {size})",
+        )
+    return matrix
+
+
+def is_diagonal(matrix: np.ndarray) -> np.ndarray:
+    """Whether all matrices of each candidate are diagonal, (K, steps, k, k) -> (K,)."""
+    if matrix.shape[-1] == 1:
+        return np.ones(len(matrix), dtype=bool)
+    on = np.diagonal(matrix, axis1=-2, axis2=-1)
+    if np.count_nonzero(matrix) == np.count_nonzero(on):
+        return np.ones(len(matrix), dtype=bool)
+    off = ~np.eye(matrix.shape[-1], dtype=bool)
+    result: np.ndarray = (matrix[..., off] == 0.0).all(axis=(1, 2))
+    return result
+
+
+def fault(name: str, matrix: np.ndarray, *, definite: bool) -> list[str | None]:
+    """What is wrong with each candidate's matrices, (K, steps, k, k) -> K sentences or None.
+
+    The judgement on a candidate does not depend on the others.
+    """
+    reasons: list[str | None] = [None] * len(matrix)
+    variances = np.diagonal(matrix, axis1=-2, axis2=-1)
+    if np.count_nonzero(matrix) == np.count_nonzero(variances):
+        # all diagonal: the common case, and a swarm asks it thousands of times; NaN fails every comparison
+        least = variances.min()
+        if (least > 0.0 or (least == 0.0 and not definite)) and variances.max() < np.inf:
+            return reasons
+    diagonal = is_diagonal(matrix)
+    finite = np.isfinite(matrix).all(axis=(1, 2, 3))
+    low = (variances <= 0.0 if definite else variances < 0.0).any(axis=(1, 2))
+    for k in np.flatnonzero(~finite | low):
+        wrong = ~np.isfinite(matrix[k]) if not finite[k] else None
+        if wrong is not None:
+            _, i, j = (int(v) for v in np.argwhere(wrong)[0])
+            reasons[k] = f"{name}[{i}, {j}] is not finite"
+        else:
+            bad = variances[k] <= 0.0 if definite else variances[k] < 0.0
+            i = int(np.argwhere(bad)[0, 1])
+            reasons[k] = f"{name}[{i}, {i}] is {'not positive' if definite else 'negative'}"
+    full = np.flatnonzero(finite & ~low & ~diagonal)
+    if len(full):
+        chosen = matrix[full]
+        turned = np.swapaxes(chosen, -1, -2)
+        scale = np.abs(chosen).max(axis=(-2, -1), keepdims=True)
+        skew = (np.abs(chosen - turned) > ASYMMETRY * scale).any(axis=(1, 2, 3))
+        sigma = np.sqrt(np.where(variances[full] > 0.0, variances[full], 1.0))
+        # eigenvalues of correlations, whatever the units
+        least = np.linalg.eigvalsh(chosen / (sigma[..., :, None] * sigma[..., None, :]))[..., 0].min(axis=1)
+        limit = 1e-14 if definite else -1e-10
+        for k, crooked, value in zip(full, skew, least, strict=True):
+            if crooked:
+                reasons[k] = f"{name} is not symmetric"
+            elif value < limit * matrix.shape[-1]:
+                reasons[k] = f"{name} is not positive {'definite' if definite else 'semi-definite'}"
+    return reasons
+
+
+def pack(matrix: np.ndarray) -> np.ndarray:
+    """Candidates as lanes, (K, steps, k, k) -> (blocks, steps, k², 8); the last one fills up its block."""
+    count, steps, size = matrix.shape[:3]
+    blocks = -(-count // LANES)
+    lanes = np.empty((blocks * LANES, steps, size, size))
+    lanes[:count] = matrix if size == 1 else 0.5 * (matrix + np.swapaxes(matrix, -1, -2))
+    lanes[count:] = lanes[count - 1]
+    return np.ascontiguousarray(lanes.reshape(blocks, LANES, steps, size * size).transpose(0, 2, 3, 1))
