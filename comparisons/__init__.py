@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from comparisons.calibrate import calibrate_recording as calibrate_recording
     from comparisons.effects import effect_table as effect_table
     from comparisons.effects_page import print_effects as print_effects
+    from comparisons.entries import Bound as Bound
     from comparisons.entries import Printed as Printed
     from comparisons.match import Match as Match
     from comparisons.match import match_track as match_track
@@ -42,6 +43,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "Ablation": "comparisons.ablation",
         "Audit": "comparisons.audit",
         "AuditResult": "comparisons.audit",
+        "Bound": "comparisons.entries",
         "Calibration": "comparisons.calibrate",
         "FilterCheck": "comparisons.tune_check",
         "Match": "comparisons.match",

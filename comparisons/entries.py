@@ -10,7 +10,7 @@ from typing import Any
 
 from navopt.errors import InvalidInput, UnknownName
 
-__all__ = ["STATISTICS", "Printed", "RunGroup", "RunSpec", "SolverEntry", "Success"]
+__all__ = ["STATISTICS", "Bound", "Printed", "RunGroup", "RunSpec", "SolverEntry", "Success"]
 
 #: What a printed value may be of our runs, and how that is called in a table.
 STATISTICS = {
@@ -70,6 +70,35 @@ class Success:
         object.__setattr__(self, "labels", tuple(self.labels) or tuple(f"< {v:g}" for v in self.below))
         if not self.below or len(self.labels) != len(self.below):
             raise InvalidInput("success", (self.below, self.labels), "give one label for each threshold")
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A score and the bound on it that the problem reports as another score, to be shown as their ratio.
+
+    Attributes
+    ----------
+    over : str
+        Score key of the bound: the least root mean square error that is possible in the world of a run.
+    score : str
+        Score key of the error that it bounds; what the study ranks by if not given.
+    label : str
+        What to call the bound; `over` by default.
+
+    Raises
+    ------
+    InvalidInput
+        If a score would be divided by itself.
+    """
+
+    over: str
+    score: str = ""
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "label", self.label or self.over)
+        if not self.over or self.over == self.score:
+            raise InvalidInput("over", self.over, "name the score that bounds the error")
 
 
 @dataclass(frozen=True)

@@ -112,6 +112,7 @@ def execute_together(group: RunGroup, *, illustrate: Collection[str] = ()) -> li
         if state is None:
             return None
         _advance(runs, state)
+        each = (time.perf_counter() - started) / len(runs)  # what a run alone takes has no scoring either
         records = []
         for spec, (algorithm, problem), (twins, picture) in zip(group.runs, runs, extras, strict=True):
             solution = _conclude(
@@ -120,7 +121,6 @@ def execute_together(group: RunGroup, *, illustrate: Collection[str] = ()) -> li
             records.append(record_of(spec, solution, [solution.apply(twin) for twin in twins], picture))
     except Exception:  # one run's fault must not be that of the others: each will show alone
         return None
-    each = (time.perf_counter() - started) / len(records)
     return [_timed(record, each, len(records)) for record in records]
 
 

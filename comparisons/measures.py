@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from navopt.errors import InvalidInput
 
-__all__ = ["holm", "quantile", "summarize", "wilcoxon_p", "wilson_interval"]
+__all__ = ["holm", "over_bound", "quantile", "summarize", "wilcoxon_p", "wilson_interval"]
 
 #: Seed and number of the bootstrap's resamples: the same data give the same interval.
 BOOTSTRAP_SEED = 20190613
@@ -177,6 +177,33 @@ def _median_interval(sample: np.ndarray, worlds: np.ndarray) -> tuple[float, flo
             break
     ends = np.where(ends > finite.max(), np.inf, ends)
     return float(ends[0]), float(ends[1])
+
+
+def over_bound(errors: ArrayLike, bounds: ArrayLike) -> tuple[float, float, int]:
+    """How far errors are above what is possible: root mean square error over root mean square bound.
+
+    Parameters
+    ----------
+    errors, bounds : array_like, shape (n,)
+        Error of each run and the bound on it, one standard deviation; whatever is not finite, such as a
+        failure or an unknown bound, is left out as a pair.
+
+    Returns
+    -------
+    ratio : float
+        NaN where no pair is left.
+    bound : float
+        Root mean square of the bounds of these pairs.
+    pairs : int
+        Their number.
+    """
+    error, bound = np.asarray(errors, dtype=float), np.asarray(bounds, dtype=float)
+    both = np.isfinite(error) & np.isfinite(bound)
+    if not both.any():
+        return float("nan"), float("nan"), 0
+    least = float(np.sqrt(np.mean(bound[both] ** 2)))
+    ratio = float(np.sqrt(np.mean(error[both] ** 2))) / least if least else float("nan")
+    return ratio, least, int(both.sum())
 
 
 def holm(p_values: ArrayLike) -> np.ndarray:

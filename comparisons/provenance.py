@@ -41,6 +41,7 @@ def facts(store: Any, study: Any, runs: pd.DataFrame) -> list[tuple[str, str]]:
         ("Budget per run", f"{study.budget} model evaluations"),
         ("Ranked by", study.rank_by),
     ]
+    found += [("Bound", f"{one.label}: {one.over} on {one.score}") for one in study.bound]
     if study.held_out:
         found.append(
             ("Held-out data", f"each solution applied to {study.held_out} redrawn twins of its world")
@@ -160,6 +161,8 @@ def study_toml(study: Any) -> str:
             f"below = {_toml(list(success.below))}",
         ]
         lines.append(f"labels = {_toml(list(success.labels))}")
+    for one in study.bound:
+        lines += ["", "[[bound]]", *(f"{key} = {_toml(item)}" for key, item in asdict(one).items())]
     if study.groups:
         lines += ["", "[groups]"]
         lines += [f"{_toml(name)} = {_toml(labels)}" for name, labels in study.groups.items()]

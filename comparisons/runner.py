@@ -100,7 +100,8 @@ def run_study(
         known_scores = store.score_names()
         checked: set[str] = set()
         if known_scores is not None:
-            check_score_names(study, known_scores)
+            # runs of an earlier version may be without the bound: they show a dash
+            check_score_names(study, known_scores, bounds=False)
         missing = _illustrations(study, runs) - store.illustrated()
 
         def finished(spec: RunSpec, record: RunRecord) -> None:
@@ -185,8 +186,17 @@ def execute_missing(
     return len(todo)
 
 
-def check_score_names(study: Study, scores: set[str]) -> None:
+def check_score_names(study: Study, scores: set[str], *, bounds: bool = True) -> None:
     """Refuse a study that names a score which its runs do not have.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    scores : set of str
+        Names of the scores of a run.
+    bounds : bool
+        Whether the run must have the bounds as well.
 
     Raises
     ------
@@ -197,6 +207,8 @@ def check_score_names(study: Study, scores: set[str]) -> None:
     wanted = [
         ("rank_by", study.rank_by),
         *(("score of success", s.score) for s in study.success),
+        *(("score of bound", one.score) for one in study.bound),
+        *(("over of bound", one.over) for one in study.bound if bounds),
         *(("score of a printed value", value.score) for value in study.printed),
     ]
     for argument, score in wanted:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from comparisons.measures import holm, quantile, summarize, wilcoxon_p, wilson_interval
+from comparisons.measures import holm, over_bound, quantile, summarize, wilcoxon_p, wilson_interval
 from comparisons.wording import Display, cells, notes, reference_cells
 from navopt.errors import InvalidInput, UnknownName
 
@@ -37,6 +37,8 @@ __all__ = [
 
 #: Registered solvers that estimate nothing: the row the others are read against.
 REFERENCES = ("nominal",)
+#: What the ranked table has of each bound.
+BOUND_COLUMNS = ("over", "bound", "bounded")
 #: Columns that a narrow console does without, first to go first.
 DISPENSABLE = ("mean", "time", "cost", "runs")
 #: Width from which names of solvers are folded.
@@ -156,6 +158,8 @@ def ranked_table(store_or_runs: Any, study: Any = None, *, significance: float =
           ``mean, sd`` over those that succeeded, as in `summarize`;
         - ``p[label], p_low[label], p_high[label]`` per threshold: share of the runs below it, failures
           being misses, with its Wilson interval at the number of worlds;
+        - ``over[label], bound[label], bounded[label]`` per bound: root mean square of the error over that
+          of its bound, the latter by itself, and the number of runs that both are over, see `over_bound`;
         - ``evaluations, cost, time_s``: means per run; ``held_out``: median on redrawn data, if any;
         - ``pairs, p_value, p_holm, best, tie``: the comparison with the best, see `compare_with_best`,
           on the median over the solver seeds of each world.
@@ -207,6 +211,10 @@ def _rank_scenario(runs: pd.DataFrame, study: Any, scenario: str, significance: 
             # runs on one world are not independent, so the interval counts worlds
             low, high = wilson_interval(share * row["worlds"] if hits.size else 0.0, row["worlds"])
             row[f"p_low[{label}]"], row[f"p_high[{label}]"] = low, high
+        for one in study.bound:
+            known = f"score.{one.over}" in own  # not in runs of an earlier version
+            found = over_bound(*(run_scores(own, key) if known else [] for key in (one.score, one.over)))
+            row |= dict(zip((f"{name}[{one.label}]" for name in BOUND_COLUMNS), found, strict=True))
         for column, source in (("evaluations", "n_eval"), ("cost", "cost"), ("time_s", "elapsed_s")):
             row[column] = _mean(own, source)
         held_out = f"held_out.{study.rank_by}"

@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from comparisons.ablation_design import Design
-from comparisons.entries import Printed, RunSpec, SolverEntry, Success
+from comparisons.entries import Bound, Printed, RunSpec, SolverEntry, Success
 from comparisons.study_file import parse, read_toml
 from navopt.errors import InvalidInput, UnknownName
 
-__all__ = ["Printed", "RunSpec", "SolverEntry", "Study", "Success", "list_studies", "study_title"]
+__all__ = ["Bound", "Printed", "RunSpec", "SolverEntry", "Study", "Success", "list_studies", "study_title"]
 
 #: Keys of `Study.display`: factor on the score, the unit it then has, and what the score is called.
 DISPLAY_KEYS = ("label", "scale", "unit")
@@ -56,6 +56,8 @@ class Study:
         How to print `rank_by`: ``scale`` (factor), ``unit`` (after scaling), ``label``; all optional.
     success : tuple of Success
         What counts as a match.
+    bound : tuple of Bound
+        Bounds on errors, to show each method's root mean square error over that of its bound.
     held_out : int, default 0
         Number of redrawn twins that each solution is applied to.
     illustrate : int, default 1
@@ -92,6 +94,7 @@ class Study:
     rank_by: str = "loss"
     display: dict[str, Any] = field(default_factory=dict)
     success: tuple[Success, ...] = ()
+    bound: tuple[Bound, ...] = ()
     held_out: int = 0
     illustrate: int = 1
     seed_per_world: bool = False
@@ -113,6 +116,7 @@ class Study:
             "seeds": tuple(self.seeds),
             "display": dict(self.display),
             "success": tuple(self.success),
+            "bound": tuple(one if one.score else replace(one, score=self.rank_by) for one in self.bound),
             "groups": {name: tuple(labels) for name, labels in self.groups.items()},
             "curve": tuple(self.curve),
             "printed": tuple(
@@ -128,6 +132,7 @@ class Study:
             if not getattr(self, argument):
                 raise InvalidInput(argument, getattr(self, argument), "give at least one")
         _distinct("labels of solvers", tuple(entry.label for entry in self.solvers))
+        _distinct("labels of bounds", tuple(one.label for one in self.bound))
         _seeds("worlds", self.worlds)
         _seeds("seeds", self.seeds)
         _whole("budget", self.budget, 1)
@@ -184,8 +189,8 @@ class Study:
         ----------
         path : path-like
             A TOML file; the keys are the attributes of this class, with ``[scenarios."label"]``,
-            ``[[solvers]]``, ``[[success]]``, ``[[printed]]``, ``[groups]`` and ``[display]`` tables.
-            Where a keyword named by ``curve`` has a list of numbers, the scenario stands for one with each,
+            ``[[solvers]]``, ``[[success]]``, ``[[bound]]``, ``[[printed]]``, ``[groups]`` and ``[display]``
+            tables. Where a keyword named by ``curve`` has a list of numbers, the scenario stands for one with each,
             their values after its label, and its label for all of them in ``[groups]``.
             ``worlds`` is a list of seeds, or a count together with ``first_world`` (0 by default). In a
             ``[[printed]]`` table, ``values`` may stand for ``solver`` and ``value``, a table from solvers
@@ -233,6 +238,7 @@ class Study:
         try:
             values["solvers"] = tuple(SolverEntry(**entry) for entry in values["solvers"])
             values["success"] = tuple(Success(**entry) for entry in values["success"])
+            values["bound"] = tuple(Bound(**entry) for entry in values["bound"])
             values["printed"] = tuple(Printed(**entry) for entry in values["printed"])
             return cls(**values)
         except UnknownName as error:

@@ -26,6 +26,7 @@ _STUDY = {
     "rank_by": str,
     "display": Mapping,
     "success": (list, tuple),
+    "bound": (list, tuple),
     "scenarios": Mapping,
     "solvers": (list, tuple),
     "seed_per_world": bool,
@@ -38,6 +39,7 @@ _STUDY = {
 _REQUIRED = ("name", "problem", "worlds", "budget")
 _SOLVER = {"name": str, "label": str, "settings": Mapping}
 _SUCCESS = {"score": str, "below": (*_NUMBER, list, tuple), "labels": (str, list, tuple)}
+_BOUND = {"over": str, "score": str, "label": str}
 _DISPLAY = {"scale": _NUMBER, "unit": str, "label": str}
 _PRINTED = {
     "source": str,
@@ -89,7 +91,8 @@ def parse(document: Mapping[str, Any], source: str) -> dict[str, Any]:
     Returns
     -------
     dict
-        Fields of `comparisons.study.Study`, with solvers, success and printed values still as dicts.
+        Fields of `comparisons.study.Study`, with solvers, success, bounds and printed values still as
+        dicts.
 
     Raises
     ------
@@ -119,6 +122,10 @@ def parse(document: Mapping[str, Any], source: str) -> dict[str, Any]:
     values["success"] = [
         _success(_table(entry, _SUCCESS, f"{source}: success[{k}]", required=("score", "below")))
         for k, entry in enumerate(values.get("success", ()))
+    ]
+    values["bound"] = [
+        _table(entry, _BOUND, f"{source}: bound[{k}]", required=("over",))
+        for k, entry in enumerate(values.get("bound", ()))
     ]
     values["groups"] = {
         name: tuple(

@@ -144,6 +144,15 @@ def cells(table: pd.DataFrame, labels: list[str], display: Display) -> pd.DataFr
             "–" if np.isnan(p) else f"{_percent(p)} [{_percent(low)}–{_percent(high)}]"
             for p, low, high in table[keys].itertuples(index=False)
         ]
+    for name in table.columns:
+        if str(name).startswith("over["):
+            label = str(name).removeprefix("over[").removesuffix("]")
+            columns[f"rms / {label}"] = [
+                format_number(ratio) + (f" ({counted} runs)" if 0 < counted < runs - failures else "")
+                for ratio, counted, runs, failures in table[
+                    [name, f"bounded[{label}]", "runs", "failures"]
+                ].itertuples(index=False)
+            ]
     columns["p (Holm)"] = [
         "best" if best else _p_value(p) for best, p in zip(table["best"], table["p_holm"], strict=True)
     ]
@@ -192,6 +201,12 @@ def notes(table: pd.DataFrame, study: Any, *, significance: float = 0.05, brief:
         said.append(
             "Shares below a threshold count failures as misses; in brackets the 95 % Wilson interval at the "
             "number of worlds, since runs on one world are not independent."
+        )
+    if study.bound:
+        said.append(
+            "rms / bound is the root mean square error over the root mean square of its bound, the least "
+            "that any method can have on average if errors are normal and as declared; with few worlds it "
+            "may be below 1 by chance. A dash: no bound is known, or the runs are from a version without it."
         )
     if (table["runs"] < table["expected"]).any():
         said.append("Some runs are still missing: the ranking is provisional.")

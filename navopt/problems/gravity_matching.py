@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,14 @@ import numpy as np
 from navopt.data.tracks import MeasuredTrack
 from navopt.errors import InvalidInput, UnknownName
 from navopt.models.cruise import InsErrors
-from navopt.models.earth import NAUTICAL_MILE, distance, local_tangent_plane, principal_radii, to_geodetic
+from navopt.models.earth import local_tangent_plane, principal_radii, to_geodetic
 from navopt.models.field_map import FieldMap
 from navopt.models.field_map_checks import check_method
 from navopt.problem import EstimationProblem, Parameter
 from navopt.problems import gravity_kernels as kernels
 from navopt.problems.gravity_errors import check_number
 from navopt.problems.gravity_geometry import check_coverage, checked_prior, picture, window_covariance
+from navopt.problems.gravity_scores import last_position_bounds, match_scores
 from navopt.problems.gravity_sensing import MeasurementErrors
 from navopt.registry import problem
 
@@ -25,8 +27,6 @@ __all__ = ["GravityMatching", "MatchedTrack"]
 CRITERIA = {"mad": kernels.MAD, "mean-square": kernels.MEAN_SQUARE, "huber": kernels.HUBER}
 #: The decision vector that leaves the inertial track as it is.
 NO_CHANGE = np.array([0.0, 0.0, 0.0, 1.0])
-#: Radii, in nautical miles (′ of latitude), within which paper 003 calls a match successful.
-MATCH_RADII = (2, 5)
 
 
 @dataclass(frozen=True)
@@ -270,12 +270,12 @@ class GravityMatching(EstimationProblem):
         )
 
     def _score(self, estimate: MatchedTrack) -> dict[str, float]:
-        errors = distance(estimate.latitude, estimate.longitude, self.truth.latitude, self.truth.longitude)
-        last = float(errors[-1])
-        scores = {"position_error_m": last, "mean_position_error_m": float(errors.mean())}
-        for radius in MATCH_RADII:
-            scores[f"matched_within_{radius}nmi"] = float(last <= radius * NAUTICAL_MILE)
-        return scores
+        return match_scores(self, estimate)
+
+    @cached_property
+    def position_bounds(self) -> tuple[float, float]:
+        """Bounds on the last position from window and track (root of the trace, m), for scores alone."""
+        return last_position_bounds(self)
 
     # -- worlds --------------------------------------------------------------------------------------
     @classmethod
