@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -141,17 +142,52 @@ class CountingEvaluator(Evaluator):
             self.started = time.perf_counter()
         self.n_var = problem.n_var
         todo = [individual for individual in pop if "F" not in individual.evaluated]
-        affordable = todo[: int(min(len(todo), max(self.remaining, 0)))]
-        if affordable:
-            X = np.array([individual.X for individual in affordable], dtype=float)
-            losses = problem.loss(X)
-            self._record(problem, X, losses)
-            for individual, loss in zip(affordable, losses, strict=True):
-                individual.F = np.array([loss])
-                individual.evaluated.update(("F", "G", "H"))
-        if len(affordable) < len(todo):
+        losses = self._affordable_losses(problem, [individual.X for individual in todo])
+        for individual, loss in zip(todo, losses, strict=False):
+            individual.F = np.array([loss])
+            individual.evaluated.update(("F", "G", "H"))
+        if len(losses) < len(todo):
             raise BudgetSpent
         return pop
+
+    def losses(self, problem: EstimationProblem, X: np.ndarray) -> np.ndarray:
+        """Evaluate candidates as `eval` does, without individuals, whose upkeep costs more than a fast loss.
+
+        Parameters
+        ----------
+        problem : EstimationProblem
+            Whose loss.
+        X : ndarray, shape (m, n_var)
+            Candidates.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+
+        Raises
+        ------
+        BudgetSpent
+            If they would exceed the budget; those within it have been evaluated, counted and remembered.
+        """
+        if self.started is None:
+            self.started = time.perf_counter()
+        self.n_var = problem.n_var
+        losses = self._affordable_losses(problem, X)
+        if len(losses) < len(X):
+            raise BudgetSpent
+        return losses
+
+    def _affordable_losses(
+        self, problem: EstimationProblem, X: Sequence[np.ndarray] | np.ndarray
+    ) -> np.ndarray:
+        """Losses of as many candidates, from the first on, as the budget allows."""
+        affordable = X[: int(min(len(X), max(self.remaining, 0)))]
+        if not len(affordable):
+            return np.zeros(0)
+        rows = np.array(affordable, dtype=float)
+        losses = problem.loss(rows)
+        self._record(problem, rows, losses)
+        return losses
 
     def adopt(self, x: np.ndarray, loss: float, n_eval: int) -> None:
         """Take over a run that another evaluator began: its best point and its count."""

@@ -2,7 +2,7 @@
 
 Pure functions of plain arrays with any leading axes before ``(n, d)``. Lengths are counted in units of
 `scale`, shape (d,): the widths of the box, so that metres and radians are comparable, or ones for the
-papers' absolute values. Sums are made by accumulation, which adds in the same order whatever the memory
+papers' absolute values. Sums are made one term after another, in the same order whatever the memory
 layout; so many runs advance together bit for bit as each alone, however they were stacked.
 """
 
@@ -29,7 +29,11 @@ def total(values: np.ndarray, axis: int) -> np.ndarray:
         Without that axis. `numpy.sum` groups eight or more terms by their memory layout: in Fortran order
         its last bits differ.
     """
-    return np.take(np.add.accumulate(values, axis=axis), -1, axis=axis)
+    terms = np.moveaxis(values, axis, 0)
+    summed = np.array(terms[0])
+    for term in terms[1:]:
+        summed += term
+    return summed
 
 
 def heading(X: np.ndarray, target: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -95,9 +99,11 @@ def in_sight(X: np.ndarray, reach: np.ndarray) -> np.ndarray:
         Whether fish i (first) sees fish j (second). Coincident fish do not see each other.
     """
     # a sight that has decayed to nothing divides zero by zero: not a number is not in sight
+    squared = np.zeros((*X.shape[:-1], X.shape[-2]))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        gap = (X[..., None, :, :] - X[..., :, None, :]) / reach[..., None, None, :]
-        squared = total(gap * gap, -1)
+        for k in range(X.shape[-1]):
+            gap = (X[..., None, :, k] - X[..., :, None, k]) / reach[..., None, None, k]
+            squared += gap * gap
     return (squared > 0) & (squared < 1)
 
 

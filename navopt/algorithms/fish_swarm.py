@@ -114,6 +114,7 @@ class FishSwarm(FishSchool):
             self.plan[f"{branch} move"] = (branch, "move", 0)
         self.phases = tuple(self.plan)  # type: ignore[misc]
         self._order: list[tuple[str, int | None]] | None = None  # asked for at every step, and long
+        self._sight: tuple[tuple[np.ndarray, ...], tuple[np.ndarray, np.ndarray]] | None = None
 
     @classmethod
     def published(cls, **kwargs: Any) -> Self:
@@ -177,9 +178,13 @@ class FishSwarm(FishSchool):
 
     def _company(self, state: Arrays) -> tuple[np.ndarray, np.ndarray]:
         """Fish in sight of each, shape (..., n, n), and whether it has company that is not a crowd."""
-        seen = in_sight(state["X"], state["scale"] * state["visual"])
-        count = seen.sum(axis=-1)
-        return seen, (count > 0) & (count / state["F"].shape[-1] < self.crowding)
+        # most phases of a cycle ask again before any fish has moved; arrays of a state are never written to
+        asked = (state["X"], state["visual"], state["scale"])
+        if self._sight is None or any(a is not b for a, b in zip(self._sight[0], asked, strict=True)):
+            seen = in_sight(state["X"], state["scale"] * state["visual"])
+            count = seen.sum(axis=-1)
+            self._sight = asked, (seen, (count > 0) & (count / state["F"].shape[-1] < self.crowding))
+        return self._sight[1]
 
     def _target(self, state: Arrays, branch: str) -> tuple[np.ndarray, np.ndarray]:
         """Where each fish has decided to go in a behaviour, and whether it has."""

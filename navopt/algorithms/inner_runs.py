@@ -120,11 +120,6 @@ class InnerRuns:
         """Go on with the losses, shape (m,), of the candidates asked for."""
         raise NotImplementedError
 
-    def _remember(self, run: int, X: np.ndarray, losses: np.ndarray) -> None:
-        k = int(np.argmin(losses))
-        if losses[k] < self.best_loss[run]:
-            self.best[run], self.best_loss[run] = X[k], losses[k]
-
     def _close_cycle(self, runs: np.ndarray, last: np.ndarray) -> None:
         """End those of `runs`, a mask, that meet one of the conditions; `last`: whose cycles are used up."""
         ends = last.copy()
@@ -197,8 +192,10 @@ class SwarmRuns(InnerRuns):
         # what was evaluated is what comes back, should a user have changed it between ask and tell
         self.candidates = np.array(self.candidates)
         self.candidates[self.mask] = X
-        for run in np.flatnonzero(self.mask.any(axis=1)):
-            self._remember(int(run), self.candidates[run][self.mask[run]], full[run, self.mask[run]])
+        every, k = np.arange(len(full)), np.argmin(full, axis=1)
+        better = full[every, k] < self.best_loss
+        self.best[better] = self.candidates[every, k][better]
+        self.best_loss[better] = full[every, k][better]
         if self.stage < 0:
             self._found(full)
             return
@@ -284,8 +281,9 @@ class AskedRuns(InnerRuns):
             for k, x, loss in zip(todo, X[own], losses[own], strict=True):
                 batch[k].X, batch[k].F = x, np.array([loss])
                 batch[k].evaluated.update(("F", "G", "H"))
-            if todo:
-                self._remember(run, X[own], losses[own])
+            if todo and losses[own].min() < self.best_loss[run]:
+                k = start - len(todo) + int(np.argmin(losses[own]))
+                self.best[run], self.best_loss[run] = X[k], losses[k]
             algorithm = self.algorithms[run]
             before = getattr(algorithm, "cycle", None)
             algorithm.tell(infills=batch)

@@ -14,6 +14,7 @@ from navopt.algorithms.options import at_least, number, one_of
 from navopt.algorithms.phased_fit import PhasedFit
 from navopt.algorithms.swarm import ContractedAlgorithm
 from navopt.errors import InvalidInput, UnknownName, UnsuitableProblem
+from navopt.evaluation import CountingEvaluator
 from navopt.problem import EstimationProblem
 from navopt.problems.restricted import Restricted
 from navopt.registry import solver
@@ -152,6 +153,7 @@ class Phased(ContractedAlgorithm):
         self.records: list[dict[str, Any]] = []
         self.last_indicator: float | None = None
         self.asked: np.ndarray | None = None
+        self.told: tuple[np.ndarray, np.ndarray] | None = None
 
     @classmethod
     def published(cls, inner: str = "nafsa", **kwargs: Any) -> Self:
@@ -276,18 +278,42 @@ class Phased(ContractedAlgorithm):
         if not self.has_next():
             # pymoo asks again only if a user goes on after the end: the answer has not changed
             return Population.new(X=self.opt.get("X"))  # type: ignore[union-attr]
+        return Population.new(X=self._batch())
+
+    def _batch(self) -> np.ndarray:
         if self.asked is None:
             candidates = np.zeros(0) if self.runs is None else self.runs.ask()
             if self.runs is not None and not len(candidates):
                 self._pass_on()
             self.asked = self.identified[None] if self.runs is None else self.restricted.inward(candidates)
-        return Population.new(X=self.asked)
+        return self.asked
+
+    def next(self) -> None:
+        """Take one batch, in pymoo an individual of its best candidate only.
+
+        A hundred runs make batches of thousands, and individuals cost more than such losses and moves
+        together. `ask` and `tell` hand out and take all of them, with the same results.
+        """
+        counted = isinstance(self.evaluator, CountingEvaluator) and self.archive is None
+        if not counted or (self.is_initialized and not self.has_next()):
+            return super().next()
+        if not self.is_initialized:
+            self._initialize()
+        X = self._batch()
+        self.told = (X, self.evaluator.losses(self.problem, X))
+        k = int(np.argmin(self.told[1]))
+        best = Population.new(X=X[[k]], F=self.told[1][[k], None], n_gen=[self.n_iter], n_iter=[self.n_iter])
+        best[0].evaluated.update(("F", "G", "H"))
+        self.advance(infills=best)
 
     def _advance(self, infills: Population | None = None, **kwargs: Any) -> None:
         if not self.has_next():
             return
-        self.asked = None
-        X, losses = infills.get("X").astype(float), infills.get("F")[:, 0]  # type: ignore[union-attr]
+        if self.told is None:
+            X, losses = infills.get("X").astype(float), infills.get("F")[:, 0]  # type: ignore[union-attr]
+        else:
+            X, losses = self.told
+        self.asked = self.told = None
         if self.runs is None:
             self._judge(float(losses[0]))
         else:
