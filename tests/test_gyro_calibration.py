@@ -114,7 +114,7 @@ def test_invariants_are_norms_and_the_angle():
             [np.sum(a * b, axis=1) for a, b in ((rates, rates), (forces, forces), (rates, forces))]
         )
         plain = three - np.array(expected)[:, None] - np.array(shift)[:, None]
-        whitened = (problem._whitening @ plain).T.ravel()
+        whitened = (problem._misfit.whitening @ plain).T.ravel()
         np.testing.assert_allclose(problem.residuals(x), whitened, rtol=1e-6, atol=1e-6)
         assert problem.loss(x) == pytest.approx(np.sqrt(np.mean(whitened**2)), rel=1e-7)
 

@@ -5,6 +5,7 @@ The two statistical tests share a false-alarm rate of 0.001.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -140,8 +141,14 @@ def solver_settings(study: Study) -> dict[str, dict]:
 
 def test_the_study_file_has_the_published_settings() -> None:
     settings = solver_settings(Study.from_toml(STUDIES / "gyro-paper.toml"))
-    for inner, name in (("nafsa", "NAFSA"), ("oafsa", "OAFSA"), ("afsa", "SAFSA")):
-        found, wanted = settings[f"{name}, phased"], {"inner": inner, **published_phases(inner)}
+    for inner, label, repetitions in (
+        ("nafsa", "NAFSA, phased", 1),
+        ("nafsa", "NAFSA, four passes", 4),
+        ("oafsa", "OAFSA, phased", 1),
+        ("afsa", "SAFSA, phased", 1),
+    ):
+        wanted = {"inner": inner, **published_phases(inner), "repetitions": repetitions}
+        found = settings[label]
         assert found.keys() == wanted.keys()
         for group, own in wanted.pop("group_options").items():
             for key, values in own.items():
@@ -262,6 +269,25 @@ def test_the_studies_can_be_run(name: str) -> None:
     study = Study.from_toml(STUDIES / f"{name}.toml")
     study.check()
     assert study.name == name
+
+
+def test_a_small_copy_of_the_papers_study_runs_to_its_report(tmp_path: Path) -> None:
+    study = Study.from_toml(STUDIES / "gyro-paper.toml")
+    few = {"runs_per_phase": 2, "cycles": 3}
+    small = replace(
+        study,
+        worlds=(0,),
+        solvers=tuple(
+            replace(entry, settings={**entry.settings, **few}) if entry.name == "phased" else entry
+            for entry in study.solvers
+        ),
+    )
+    run_study(small, tmp_path, workers=1)
+    with ResultsStore(tmp_path) as store:
+        runs = store.runs().set_index("solver")
+    assert set(runs.index) == {entry.label for entry in study.solvers}
+    assert (runs["status"] == "converged").all()
+    assert runs.loc["NAFSA, four passes", "cost"] > 3 * runs.loc["NAFSA, phased", "cost"]
 
 
 def fair(tmp_path: Path, worlds: int, solvers: tuple[SolverEntry, ...], budget: int = 100) -> ResultsStore:

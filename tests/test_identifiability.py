@@ -176,7 +176,7 @@ def test_with_accelerometers_only_the_common_frame_is_missing():
     # accelerometers without the angle: their loss alone cannot be asked for, but its Jacobian can
     world = simulate("gyro-calibration", 2, estimated="all", loss="invariants")
     jacobian = world.jacobian(world.true_x) * 0.5 * (world.xu - world.xl)
-    blocks = np.linalg.solve(world._whitening, jacobian.reshape(-1, 3, 24))
+    blocks = np.linalg.solve(world._misfit.whitening, jacobian.reshape(-1, 3, 24))
     blocks = blocks / np.abs(blocks).max(axis=(0, 2), keepdims=True)
     for rows, rank in (([0], 9), ([0, 1], 18), ([0, 1, 2], 21)):
         values = np.linalg.svd(blocks[:, rows].reshape(-1, 24), compute_uv=False)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pymoo.core.population import Population
 from pymoo.core.termination import NoTermination
 from pymoo.optimize import minimize
 from pymoo.problems import get_problem
@@ -19,6 +20,7 @@ from scipy.stats import multivariate_normal
 import navopt
 from navopt.algorithms import OptimalFishSwarm, Phased, PhasedFit
 from navopt.errors import InvalidInput, UnknownName, UnsuitableProblem
+from navopt.evaluation import BudgetSpent, CountingEvaluator
 from navopt.problem import EstimationProblem, Parameter
 from navopt.problems import Point, Restricted, Rosenbrock, Sphere
 
@@ -459,3 +461,18 @@ def test_a_restricted_world_can_be_solved_and_redrawn() -> None:
     twin = problem.redraw(5)
     assert twin.parameter_names == problem.parameter_names
     assert twin.loss(solution.x) == world.redraw(5).loss(problem.inward(solution.x))
+
+
+def test_arrays_are_counted_cut_and_remembered_as_individuals_are() -> None:
+    problem = Quadratic()
+    X = np.random.default_rng(4).uniform(-5.0, 5.0, (9, 4))
+    plain, known = CountingEvaluator(budget=7), CountingEvaluator(budget=7)
+    with pytest.raises(BudgetSpent):
+        plain.losses(problem, X)
+    with pytest.raises(BudgetSpent):
+        known.eval(problem, Population.new(X=X))
+    assert plain.cost == known.cost == 7
+    assert plain.best_loss == known.best_loss == problem.loss(X[:7]).min()
+    np.testing.assert_array_equal(plain.best_x, known.best_x)
+    assert [row[:2] for row in plain.rows] == [row[:2] for row in known.rows]
+    np.testing.assert_array_equal(CountingEvaluator().losses(problem, X), problem.loss(X))

@@ -163,6 +163,12 @@ def undetermined(
         Those whose sigma would exceed `LIMITS`.
     covariance : ndarray, shape (k, k)
         Infinite variances on the diagonal of those.
+
+    Notes
+    -----
+    `navopt.identifiability.assess` asks another question of a Jacobian: which combinations are told better than
+    the box. Here weakly seen combinations keep their part in the variances, and each parameter is judged by its
+    own sigma.
     """
     size = np.empty(len(names))
     for k, name in enumerate(names):

@@ -8,22 +8,16 @@ from typing import Any
 import numpy as np
 
 from navopt.errors import InvalidInput, UnknownName
-from navopt.models.earth import EARTH_RATE, normal_gravity
+from navopt.models.earth import normal_gravity
 from navopt.models.imu_calibration import ImuCalibration
 from navopt.models.positions import check_attitudes
 from navopt.models.sensor_noise import AccelerometerNoise, GyroNoise
 from navopt.models.triad import DEGREE_PER_HOUR, AccelerometerTriad, GyroTriad
 from navopt.problem import EstimationProblem, Parameter
-from navopt.problems import gyro_kernels as kernels
 from navopt.problems.gyro_checks import check_noise, check_norms, check_record
+from navopt.problems.gyro_losses import InvariantMisfit, Misfit, NormMisfit, TurntableMisfit
 from navopt.problems.gyro_parameters import ACCELEROMETER, UNITS, chosen, groups_of, make_box, make_prior
-from navopt.problems.gyro_record import (
-    invariant_whitening,
-    noise_gain,
-    norm_sigma,
-    read_accelerometers,
-    read_turntable,
-)
+from navopt.problems.gyro_record import read_accelerometers, read_turntable
 from navopt.problems.gyro_scores import direction_words, imu_scores, triad_scores
 from navopt.registry import problem
 
@@ -202,7 +196,11 @@ class GyroCalibration(EstimationProblem):
         self._prior_covariance = make_prior(prior, names)
         if self._prior_covariance is not None:
             self.provides = self.provides | {"prior"}  # type: ignore[misc]
-        self._prepare(gravity)
+        self._misfit = self._make_misfit(gravity)
+        records = (self.counts, self.accelerometer_counts, self.turntable_counts, self.turntable_rates)
+        for array in (*records, self.attitudes, self._base, self._prior_covariance):
+            if array is not None:
+                array.setflags(write=False)
         if truth is not None:
             self._set_truth(truth)
         self._world: dict[str, Any] | None = None
@@ -215,30 +213,25 @@ class GyroCalibration(EstimationProblem):
             for name, value, (low, high) in zip(names, values, limits, strict=True)
         ]
 
-    def _prepare(self, gravity: float) -> None:
-        """Constants of the kernels: expected squares with their noise, and the whitening."""
-        self._record = np.ascontiguousarray(self.counts.T)
+    def _make_misfit(self, gravity: float) -> Misfit:
         gyro = _gyros(self.preset)
-        self._square = EARTH_RATE**2
-        self._corrected = self._square + self.sigma**2 * noise_gain(gyro)
-        self._norm_sigma = norm_sigma(EARTH_RATE, self.sigma)
-        arrays = [self.counts, self.attitudes, self._record, self._base, self._prior_covariance]
-        if self.turntable_counts is not None and self.turntable_rates is not None:
-            self._table = np.ascontiguousarray(self.turntable_counts.T)
-            self._table_rates = np.ascontiguousarray(self.turntable_rates.T)
-            self._table_scale = gyro.scale.copy()
-            arrays += [self.turntable_counts, self.turntable_rates, self._table, self._table_rates]
-        if self.accelerometer_counts is not None:
-            self._forces = np.ascontiguousarray(self.accelerometer_counts.T)
-            force = self.accelerometer_sigma
-            product = EARTH_RATE * gravity * np.sin(self.latitude)
-            expected = gravity**2 + force**2 * noise_gain(self._accelerometer_preset)
-            self._squares = np.array([self._corrected, expected, product])
-            self._whitening = invariant_whitening(gravity, product, self.sigma, force)
-            arrays += [self.accelerometer_counts, self._forces, self._squares, self._whitening]
-        for array in arrays:
-            if array is not None:
-                array.setflags(write=False)
+        if self.loss_name == "turntable":
+            assert self.turntable_counts is not None
+            assert self.turntable_rates is not None
+            return TurntableMisfit(self.turntable_counts, self.turntable_rates, gyro, self.turntable_sigma)
+        if self.loss_name == "invariants":
+            assert self.accelerometer_counts is not None
+            return InvariantMisfit(
+                self.counts,
+                self.accelerometer_counts,
+                gyro,
+                self._accelerometer_preset,
+                sigma=self.sigma,
+                force_sigma=self.accelerometer_sigma,
+                gravity=gravity,
+                latitude=self.latitude,
+            )
+        return NormMisfit(self.counts, gyro, self.sigma, corrected=self.loss_name == "corrected")
 
     def _set_truth(self, truth: GyroTriad | ImuCalibration) -> None:
         if isinstance(truth, ImuCalibration) and self.loss_name != "invariants":
@@ -262,16 +255,7 @@ class GyroCalibration(EstimationProblem):
         return full
 
     def _loss(self, X: np.ndarray) -> np.ndarray:
-        full, out = self._full(X), np.empty(len(X))
-        unit = DEGREE_PER_HOUR
-        if self.loss_name == "turntable":
-            kernels.turntable_losses(full, self._table, self._table_rates, self._table_scale, unit, out)
-        elif self.loss_name == "invariants":
-            kernels.invariant_losses(full, self._record, self._forces, self._squares, self._whitening, out)
-        else:
-            square = self._square if self.loss_name == "indicator" else self._corrected
-            kernels.norm_losses(full, self._record, square, unit**2, out)
-        return out
+        return self._misfit.losses(self._full(X))
 
     def invalid_reasons(self, X: np.ndarray) -> list[str]:
         """Say that a candidate has no inverse: the only way one can fail."""
@@ -280,32 +264,10 @@ class GyroCalibration(EstimationProblem):
         ] * len(X)
 
     def _residuals(self, X: np.ndarray) -> np.ndarray:
-        full = self._full(X)
-        if self.loss_name == "turntable":
-            out = np.empty((len(X), 3 * self._table.shape[1]))
-            kernels.turntable_residuals(
-                full, self._table, self._table_rates, self._table_scale, self.turntable_sigma, out
-            )
-        elif self.loss_name == "invariants":
-            out = np.empty((len(X), 3 * len(self.counts)))
-            kernels.invariant_residuals(full, self._record, self._forces, self._squares, self._whitening, out)
-        else:
-            out = np.empty((len(X), len(self.counts)))
-            kernels.norm_residuals(full, self._record, self._corrected, self._norm_sigma, out)
-        return out
+        return self._misfit.residuals(self._full(X))
 
     def _jacobian(self, X: np.ndarray) -> np.ndarray:
-        full = self._full(X)
-        if self.loss_name == "turntable":
-            out = np.empty((len(X), 3 * self._table.shape[1], 12))
-            kernels.turntable_slopes(full, self._table_rates, self._table_scale, self.turntable_sigma, out)
-        elif self.loss_name == "invariants":
-            out = np.empty((len(X), 3 * len(self.counts), 24))
-            kernels.invariant_slopes(full, self._record, self._forces, self._whitening, out)
-        else:
-            out = np.empty((len(X), len(self.counts), 12))
-            kernels.norm_slopes(full, self._record, self._norm_sigma, out)
-        return np.ascontiguousarray(out[:, :, self._columns])
+        return np.ascontiguousarray(self._misfit.slopes(self._full(X))[:, :, self._columns])
 
     def prior(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Presets on average, and the covariance that was given; None if none was."""
