@@ -166,9 +166,9 @@ def undetermined(
 
     Notes
     -----
-    `navopt.identifiability.assess` asks another question of a Jacobian: which combinations are told better than
-    the box. Here weakly seen combinations keep their part in the variances, and each parameter is judged by its
-    own sigma.
+    `navopt.identifiability.assess` asks another question of a Jacobian: which combinations are told better
+    than the box. Here weakly seen combinations keep their part in the variances, and each parameter is judged
+    by its own sigma.
     """
     size = np.empty(len(names))
     for k, name in enumerate(names):
