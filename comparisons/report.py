@@ -24,6 +24,7 @@ from comparisons.printed import NOTE as PRINTED_NOTE
 from comparisons.printed import printed_cells, printed_sources, printed_table
 from comparisons.provenance import checksums, commands, facts, in_words, solver_rows, study_toml
 from comparisons.statistics import FAILURES, REFERENCES, ranked_table, reference_errors, success_columns
+from comparisons.tuning_pictures import course_pictures
 from comparisons.wording import Display, cells, format_number, notes, reference_cells, smallest_p
 
 __all__ = ["write_report"]
@@ -190,6 +191,8 @@ def _scenario(
                     "last point. Frames mark the next panel's area."
                 )
                 alt = f"Map of scenario {label}, world {world}, with the tracks of all solvers"
+                pictures.append(inline_picture(figure, alt, caption, format="png"))
+            for figure, alt, caption in course_pictures(store, scenario=label, world=world):
                 pictures.append(inline_picture(figure, alt, caption, format="png"))
     return {
         "label": label,

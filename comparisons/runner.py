@@ -203,7 +203,8 @@ def check_score_names(study: Study, scores: set[str], *, bounds: bool = True) ->
     UnknownName
         Naming the scores there are.
     """
-    known = {*scores, "loss"}
+    twins = {f"held_out.{score}" for score in scores} if study.held_out else set()
+    known = {*scores, *twins, "loss"}
     wanted = [
         ("rank_by", study.rank_by),
         *(("score of success", s.score) for s in study.success),

@@ -39,6 +39,8 @@ __all__ = [
 REFERENCES = ("nominal",)
 #: What the ranked table has of each bound.
 BOUND_COLUMNS = ("over", "bound", "bounded")
+#: What scores on redrawn twins begin with.
+HELD_OUT = "held_out."
 #: Columns that a narrow console does without, first to go first.
 DISPENSABLE = ("mean", "time", "cost", "runs")
 #: Width from which names of solvers are folded.
@@ -72,7 +74,7 @@ def run_scores(runs: pd.DataFrame, key: str) -> pd.Series:
     runs : pandas.DataFrame
         `ResultsStore.runs`.
     key : str
-        A score of the problem, or ``"loss"``.
+        A score of the problem, ``"loss"``, or ``"held_out."`` and a score: the mean over the redrawn twins.
 
     Returns
     -------
@@ -84,11 +86,12 @@ def run_scores(runs: pd.DataFrame, key: str) -> pd.Series:
     UnknownName
         If runs succeeded but none has such a score.
     """
-    column = "loss" if key == "loss" else f"score.{key}"
+    column = key if key == "loss" or key.startswith(HELD_OUT) else f"score.{key}"
     usable = ~runs["status"].isin(FAILURES)
     if column not in runs:
         if usable.any():
-            known = [c.removeprefix("score.") for c in runs.columns if str(c).startswith("score.")]
+            named = [str(c) for c in runs.columns]
+            known = [c.removeprefix("score.") for c in named if c.startswith(("score.", HELD_OUT))]
             raise UnknownName("score", key, [*known, "loss"])
         return pd.Series(np.inf, index=runs.index, dtype=float)
     scores = pd.to_numeric(runs[column], errors="coerce").astype(float)

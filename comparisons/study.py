@@ -51,7 +51,8 @@ class Study:
     title, description : str
         For the report.
     rank_by : str, default "loss"
-        Score key that ranks the solvers, or ``"loss"``.
+        Score key that ranks the solvers, or ``"loss"``; ``"held_out."`` and a score ranks by its mean over
+        the redrawn twins.
     display : dict
         How to print `rank_by`: ``scale`` (factor), ``unit`` (after scaling), ``label``; all optional.
     success : tuple of Success
@@ -138,6 +139,8 @@ class Study:
         _whole("budget", self.budget, 1)
         _whole("held_out", self.held_out, 0)
         _whole("illustrate", self.illustrate, 0)
+        if self.rank_by.startswith("held_out.") and not self.held_out:
+            raise InvalidInput("rank_by", self.rank_by, "set held_out to the number of redrawn twins")
         if self.seed_per_world and (self.seeds != (1,) or self.ablation):
             raise InvalidInput(
                 "seed_per_world", True, "leave out seeds; an ablation pairs its runs by their seeds"

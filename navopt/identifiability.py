@@ -98,7 +98,7 @@ def identifiability(problem: EstimationProblem, x: Any = None, *, threshold: flo
     Parameters
     ----------
     problem : EstimationProblem
-        One with residuals.
+        One with residuals, or with a `sensitivity` of its own.
     x : array_like, shape (n_var,), optional
         Where the residuals are linearised; the truth (or its projection) if not given, the nominal point of a
         problem without one.
@@ -113,7 +113,7 @@ def identifiability(problem: EstimationProblem, x: Any = None, *, threshold: flo
     Raises
     ------
     UnsuitableProblem
-        If the problem has no residuals.
+        If the problem has neither.
     InvalidInput
         If the model cannot be evaluated at `x`, or the threshold is not positive.
 
@@ -131,7 +131,7 @@ def identifiability(problem: EstimationProblem, x: Any = None, *, threshold: flo
     if not (np.isfinite(threshold) and threshold > 0.0):
         raise InvalidInput("threshold", threshold, "give a positive number of half box widths")
     point = _point(problem, x)
-    return assess(problem, problem.jacobian(point), threshold=threshold)
+    return assess(problem, problem.sensitivity(point), threshold=threshold)
 
 
 def assess(
@@ -144,7 +144,7 @@ def assess(
     problem : EstimationProblem
         Whose box, prior, names and words are used.
     jacobian : ndarray, shape (m, n_var)
-        Of its residuals.
+        Of its residuals, or its `sensitivity`.
     columns : array_like of int, optional
         Places of the parameters that are sought, the others being known.
     threshold : float

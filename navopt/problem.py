@@ -279,6 +279,18 @@ class EstimationProblem(Problem):
         ]
         return np.stack(columns, axis=-1)
 
+    def sensitivity(self, x: np.ndarray) -> np.ndarray:
+        """Matrix whose Gram matrix is the information about the parameters, shape (m, n_var).
+
+        The Jacobian of the residuals; a problem without residuals may know another one.
+
+        Parameters
+        ----------
+        x : array_like, shape (n_var,)
+            Where.
+        """
+        return self.jacobian(x)
+
     def prior(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Mean, shape (n_var,), and covariance, shape (n_var, n_var), known beforehand; or None."""
         return None
@@ -335,7 +347,7 @@ class EstimationProblem(Problem):
         Raises
         ------
         UnsuitableProblem
-            If the problem has no residuals.
+            If the problem has neither residuals nor a `sensitivity` of its own.
         """
         from navopt.identifiability import identifiability
 

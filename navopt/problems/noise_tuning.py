@@ -9,7 +9,7 @@ import numpy as np
 from navopt.errors import InvalidInput, NoBound, UnknownName
 from navopt.models.linear_gaussian import LinearGaussianModel
 from navopt.problem import EstimationProblem, Parameter
-from navopt.problems.noise_estimate import NoiseEstimate, NoiseTruth
+from navopt.problems.noise_estimate import NoiseEstimate, NoiseTruth, checked_truth
 from navopt.problems.noise_parameters import CovarianceForm
 from navopt.registry import problem
 
@@ -130,7 +130,7 @@ class NoiseTuning(EstimationProblem):
         self.scored_states = self._checked_states(scored_states)
         self.state_scale = self._checked_scale(state_scale)
         if truth is not None:
-            self.truth = self._checked_truth(truth)
+            self.truth = checked_truth(truth, self.model)
             if self.truth.Q is not None and self.truth.Q.ndim == self.truth.R.ndim == 2:
                 self.true_x = self._true_vector()
         elif objective == "oracle":
@@ -194,21 +194,6 @@ class NoiseTuning(EstimationProblem):
             raise InvalidInput("state_scale", values.tolist(), f"give {n} positive numbers")
         values.setflags(write=False)
         return values
-
-    def _checked_truth(self, truth: NoiseTruth) -> NoiseTruth:
-        model = self.model
-        states = np.array(truth.states, dtype=float)
-        if states.shape != (model.n_steps, model.n_states) or not np.isfinite(states).all():
-            raise InvalidInput(
-                "truth.states", states.shape, f"give finite states, shape {(model.n_steps, model.n_states)}"
-            )
-        if (truth.Q is None) != (truth.R is None):
-            raise InvalidInput("truth", "only one of Q and R", "give both or neither")
-        arrays = [states, *(None if a is None else np.array(a, dtype=float) for a in (truth.Q, truth.R))]
-        for array in arrays:
-            if array is not None:
-                array.setflags(write=False)
-        return NoiseTruth(*arrays)  # type: ignore[arg-type]
 
     def _true_vector(self) -> np.ndarray | None:
         """Decision vector of the true covariances, if the parameters can express them inside the box."""
@@ -278,11 +263,12 @@ class NoiseTuning(EstimationProblem):
         by = self.filter.gradient(*self.covariances(flat))
         out = np.empty_like(flat)
         for k, x in enumerate(flat):
-            dQ, dR = self._directions(x)
+            dQ, dR = self.directions(x)
             out[k] = np.einsum("aij,ij->a", dQ, by.by_Q[k]) + np.einsum("aij,ij->a", dR, by.by_R[k])
         return (-out / self._measurements).reshape(*shape, self.n_var)
 
-    def _directions(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def directions(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of Q and R by the parameters at x, shapes (n_var, g, g) and (n_var, m, m)."""
         cut = self.Q_form.n_parameters
         g, m = self.Q_form.size, self.R_form.size
         dQ, dR = np.zeros((self.n_var, g, g)), np.zeros((self.n_var, m, m))
@@ -305,13 +291,39 @@ class NoiseTuning(EstimationProblem):
 
         x = np.asarray(x, dtype=float)
         Q, R = self.covariances(x)
-        dQ, dR = self._directions(x)
+        dQ, dR = self.directions(x)
         information = fisher_information(self.model, Q[0], R[0], directions_Q=dQ, directions_R=dR)
         width = self.xu - self.xl
         scaled = information * np.outer(width, width)
         if not np.isfinite(scaled).all() or np.linalg.cond(scaled) > 1e14:
             raise NoBound("the information matrix is singular here: not every parameter is identifiable")
         return np.linalg.inv(scaled) * np.outer(width, width)
+
+    def sensitivity(self, x: np.ndarray) -> np.ndarray:
+        """What the objective sees of the parameters, see `navopt.problems.noise_sensitivity`.
+
+        Parameters
+        ----------
+        x : array_like, shape (n_var,)
+            Where.
+
+        Returns
+        -------
+        ndarray, shape (m, n_var)
+            Its Gram matrix is the information: that of the innovations, or of errors against the truth.
+        """
+        from navopt.problems.noise_sensitivity import error_sensitivity, likelihood_sensitivity
+
+        x = self._rows(x)[0][0]
+        return (
+            likelihood_sensitivity(self, x) if self.objective == "innovations" else error_sensitivity(self, x)
+        )
+
+    def describe_direction(self, coefficients: dict[str, float]) -> str:
+        """Say whether a combination is the common scale of Q and R, or shifts noise between them."""
+        from navopt.problems.noise_sensitivity import noise_words
+
+        return noise_words(self, coefficients)
 
     def _score(self, estimate: Any) -> dict[str, float]:
         from navopt.problems.noise_scores import score_covariances
