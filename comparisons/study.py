@@ -193,8 +193,8 @@ class Study:
         path : path-like
             A TOML file; the keys are the attributes of this class, with ``[scenarios."label"]``,
             ``[[solvers]]``, ``[[success]]``, ``[[bound]]``, ``[[printed]]``, ``[groups]`` and ``[display]``
-            tables. Where a keyword named by ``curve`` has a list of numbers, the scenario stands for one with each,
-            their values after its label, and its label for all of them in ``[groups]``.
+            tables. Where a keyword named by ``curve`` has a list of numbers, the scenario stands for one
+            with each, their values after its label, and its label for all of them in ``[groups]``.
             ``worlds`` is a list of seeds, or a count together with ``first_world`` (0 by default). In a
             ``[[printed]]`` table, ``values`` may stand for ``solver`` and ``value``, a table from solvers
             to their values. An ``[ablation]`` table makes the solvers; values that its base has anyway are

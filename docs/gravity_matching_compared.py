@@ -306,6 +306,24 @@ def swarms(store: Any, runs: pd.DataFrame) -> str:
     return "\n".join(lines)
 
 
+def over_bounds(store: Any, runs: pd.DataFrame) -> str:
+    """One table: root mean square errors over those of the bounds, in the order of the last scenario."""
+    study = store.study
+    table = ranked_table(runs, study)
+    cells, scenarios = table.set_index(["scenario", "solver"]), list(study.scenarios)
+    head = [f"{scenario}: {bound.label}" for scenario in scenarios for bound in study.bound]
+    lines = ["| rms error over rms bound | " + " | ".join(head) + " |", "|---" * (len(head) + 1) + "|"]
+    least = [cells.loc[scenario].iloc[0] for scenario in scenarios]
+    bounds = [_km(row[f"bound[{bound.label}]"]) for row in least for bound in study.bound]
+    lines.append("| the bound itself, km | " + " | ".join(bounds) + " |")
+    last = [cells.loc[(scenarios[-1], entry.label)] for entry in study.solvers]
+    order = np.argsort([row[f"over[{study.bound[-1].label}]"] for row in last], kind="stable")
+    for label in (study.solvers[k].label for k in order):
+        ratios = [cells.loc[(s, label)][f"over[{bound.label}]"] for s in scenarios for bound in study.bound]
+        lines.append(f"| `{label}` | " + " | ".join(f"{ratio:.2f}" for ratio in ratios) + " |")
+    return "\n".join([*lines, ""])
+
+
 def harder(store: Any, runs: pd.DataFrame) -> str:
     """One table: mean error and share within 2 minutes, a row per scenario."""
     study = store.study
@@ -351,6 +369,11 @@ def _properties(store: Any, runs: pd.DataFrame) -> None:
         save(f"properties-{hour}h", properties(store, runs, f"hours = {hour}.0"))
 
 
+def _swarms(store: Any, runs: pd.DataFrame) -> None:
+    print(swarms(store, runs), "\n")
+    print(over_bounds(store, runs))
+
+
 STUDIES: dict[str, Callable[[Any, pd.DataFrame], None]] = {
     "gravity-paper": _paper,
     "gravity-paper-fair": lambda store, runs: print(tables_4_and_5(store, runs)),
@@ -358,7 +381,7 @@ STUDIES: dict[str, Callable[[Any, pd.DataFrame], None]] = {
     "gravity-paper-hours": _hours,
     "gravity-properties": _properties,
     "gravity-harder": lambda store, runs: print(harder(store, runs)),
-    "gravity-swarms": lambda store, runs: print(swarms(store, runs)),
+    "gravity-swarms": _swarms,
 }
 
 
