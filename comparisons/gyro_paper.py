@@ -307,8 +307,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     console = Console(width=200)
     for name in ("table-3", "verdicts", "misprints"):
         console.print(f"\n{name}", style="bold")
-        console.print(tables[name].to_string(index=False), markup=False, highlight=False)
+        console.print(
+            tables[name].to_string(index=False, float_format=_brief),
+            markup=False,
+            highlight=False,
+            soft_wrap=True,
+        )
     console.print(f"\ntables and pictures: {given.out}")
+
+
+def _brief(value: float) -> str:
+    return f"{value:.9g}"
 
 
 if __name__ == "__main__":
