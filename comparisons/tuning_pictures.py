@@ -164,7 +164,7 @@ def alignment_course(
     matplotlib.figure.Figure
     """
     truth = np.degrees(problem.truth.states)
-    time = np.arange(len(truth)) * problem.run.steps.step  # type: ignore[attr-defined]
+    time = np.arange(len(truth)) * problem.run.steps.step
     figure = Figure(figsize=(8.4, 6.6), layout="constrained")
     panels = figure.subplots(3, 1, sharex=True)
     for axes, (name, k) in zip(panels, ANGLES, strict=True):
@@ -274,7 +274,14 @@ def stroke_data(problem: NoiseTuning) -> Figure:
     rows = (
         (f"position ({unit})", factor, true[:, 0], time, measured, time),
         (f"velocity ({unit}/s)", factor, true[:, 1], time, speed, time[span:] - 0.5 * span * interval),
-        ("acceleration (m/s²)", 1.0, np.diff(true[:, 1]) / interval, time[:-1], problem.model.u[:, 0], time),
+        (
+            "acceleration (m/s²)",
+            1.0,
+            np.diff(true[:, 1]) / interval,
+            time[:-1],
+            np.asarray(problem.model.u)[:, 0],
+            time,
+        ),
     )
     figure = Figure(figsize=(8.4, 5.6), layout="constrained")
     panels = figure.subplots(3, 1, sharex=True)
