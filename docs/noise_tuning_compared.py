@@ -86,6 +86,22 @@ def ranking(store: Any, runs: pd.DataFrame, *, unit: float = 1.0, digits: int = 
     return "\n".join(lines)
 
 
+def overview(store: Any, runs: pd.DataFrame) -> str:
+    """Median and 95th percentile of the ranking score in all scenarios at once, and the mean time."""
+    study = store.study
+    lines = [f"| | {' | '.join(study.scenarios)} | time |", "|---" * (len(study.scenarios) + 2) + "|"]
+    rows = []
+    for entry in study.solvers:
+        cells, first = [], np.inf
+        for k, scenario in enumerate(study.scenarios):
+            scores = run_scores(of(runs, scenario, entry.label), study.rank_by)
+            cells.append(f"{scores.median():.3f}, {scores.quantile(0.95):.3f}")
+            first = scores.median() if k == 0 else first
+        time = _seconds(runs[runs["solver"] == entry.label]["elapsed_s"].mean())
+        rows.append((first, f"| {entry.label} | {' | '.join(cells)} | {time} |"))
+    return "\n".join([*lines, *(text for _, text in sorted(rows, key=lambda row: row[0]))])
+
+
 def _seconds(value: float) -> str:
     return f"{value:.1f} s" if value >= 1.0 else f"{1e3 * value:.0f} ms"
 
@@ -195,6 +211,7 @@ def study_output(folder: str) -> None:
             print(found_covariances(store, runs))
         if name == "noise-tuning":
             print(ranking(store, runs))
+            print(overview(store, runs))
         if name.endswith("-fair"):
             unit, digits = (1e3, 2) if name.startswith("pushing") else (float(np.degrees(1.0)), 4)
             print(ranking(store, runs, unit=unit, digits=digits))
