@@ -305,7 +305,6 @@ class NoiseTuning(EstimationProblem):
         Parameters
         ----------
         x : array_like, shape (n_var,)
-            Where.
 
         Returns
         -------
