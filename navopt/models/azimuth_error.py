@@ -11,8 +11,8 @@ the rate of the true frame and dw what the computed frame turns beside it becaus
     dpsi = psi' - psi = phi_U - tan(theta) (phi_N cos psi' + phi_E sin psi')          eq (10), small levels
 
 ``dpsi`` is the heading that the system computes minus the true one, both clockwise from north. The equations
-are missing from the copies of the paper that a machine can read; these are of its source (Yan, 2008), with exact
-rotations. ``small_levels=True`` gives the form for small phi_E and phi_N, with ``C_w = I``.
+are missing from the copies of the paper that a machine can read; these are of its source (Yan, 2008), with
+exact rotations. ``small_levels=True`` gives the form for small phi_E and phi_N, with ``C_w = I``.
 
 A system that is not corrected drifts by its gyro biases, 0.01 deg/s times 1500 s are 15 degrees: small levels
 are small for a minute only, so the exact form is the default. There the heading error moves by the rates of
@@ -59,10 +59,10 @@ Array = NDArray[np.float64]
 #: Names of the states without and with the heading error.
 STATES = ("dv_e", "dv_n", "phi_e", "phi_n", "phi_u", "accel_x", "accel_y", "gyro_x", "gyro_y", "gyro_z")
 STATES_WITH_HEADING = (*STATES[:5], "dpsi", *STATES[5:])
-#: What the vector of inputs of one step holds, and from which index: Earth rate north and up (rad/s); curvature
-#: 1/R (1/m; zero where the system knows that it rests and leaves the transport rate out); tangent of the
-#: latitude; C_b^n' by rows; measured force (m/s^2) and rate (rad/s) in n'; pitch and heading of C_b^n' (rad);
-#: and 1 for the form of small levels.
+#: What the vector of inputs of one step holds, and from which index: Earth rate north and up (rad/s);
+#: curvature 1/R (1/m; zero where the system knows that it rests and leaves the transport rate out); tangent
+#: of the latitude; C_b^n' by rows; measured force (m/s^2) and rate (rad/s) in n'; pitch and heading of C_b^n'
+#: (rad); and 1 for the form of small levels.
 CONSTANTS = {
     "rate_north": 0, "rate_up": 1, "curvature": 2, "tangent": 3, "attitude": 4, "force": 13, "rate": 16,
     "pitch": 19, "heading": 20, "small_levels": 21,
