@@ -11,19 +11,21 @@ from comparisons.console import console
 
 __all__ = ["bench"]
 
-WHAT = ("filters",)
+WHAT = ("filters", "unscented")
 
 
 def bench(
-    what: Annotated[str, typer.Argument(help="What to time: filters.")] = "filters",
+    what: Annotated[str, typer.Argument(help="What to time: filters or unscented.")] = "filters",
     repeats: Annotated[int, typer.Option(help="Interleaved repetitions; medians count.")] = 9,
     compilation: Annotated[
         bool, typer.Option("--compilation/--no-compilation", help="Time compiling as well.")
     ] = True,
 ) -> None:
-    """Time the batched Kalman filter beside filterpy and statsmodels, one thread each.
+    """Time filters beside their peers, one thread each.
 
-    Needs the extra `bench`.
+    `filters`: the batched Kalman filter beside filterpy and statsmodels. `unscented`: the filters of
+    heading-aided alignment over a record of 1,500 s at 100 Hz, beside filterpy's unscented filter on a short
+    stretch of it. Needs the extra `bench`.
     """
     from comparisons.threads import THREAD_LIMITS
 
@@ -37,6 +39,11 @@ def bench(
     if repeats < 1:
         raise InvalidInput("--repeats", repeats, "give at least 1")
     screen = console()
+    if what == "unscented":
+        from comparisons.unscented_speed import unscented_costs, unscented_table
+
+        screen.print(unscented_table(unscented_costs(repeats=repeats)))
+        return
     screen.print(speed_table(filter_costs(repeats=repeats)))
     if compilation:
         first, again = compile_seconds()
