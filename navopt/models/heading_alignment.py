@@ -57,7 +57,8 @@ class HeadingScenario:
         Of the sensors and their integration; of the filter's prediction; of the headings, and of the
         velocities where these keep the same clock. Each a whole multiple of the next.
     latitude_deg, pitch_deg, roll_deg, heading_deg : float
-        Where the machine stands and how.
+        Where the machine stands and how. The bias of the third accelerometer, which the paper leaves out of
+        the state, pulls a tilted machine sideways: by its sine.
     start : {"prescribed", "coarse"}
         Computed attitude off by `angles_deg`, with `prior_deg` declared; or from `coarse_s` seconds of
         levelling and measured headings.

@@ -271,6 +271,8 @@ def record_from_imu(
         raise InvalidInput("gyro", f"shapes {w.shape} and {f.shape}", f"give shape ({len(t)}, 3) each")
     readings = check_heading("heading", heading, gaps=True)
     when = np.asarray(heading_time, dtype=np.float64)
+    if when.ndim != 1 or when.shape != readings.shape:
+        raise InvalidInput("heading_time", f"shape {when.shape}", "give a finite time for each heading")
     step = float(t[-1] - t[0]) / (len(t) - 1)
     for name, value, least in (
         ("velocity_sigma", velocity_sigma, True), ("heading_sigma", heading_sigma, True),

@@ -92,11 +92,11 @@ class LaserSpot:
     Notes
     -----
     Paper 002 prints neither the spacing nor the size of the photosensitive elements. Elements 1.2 mm apart,
-    a row of which is wrong by ``1.2 mm / sqrt(12)``, and a spacing of 2 m make the 0.028 degrees that it
+    a row of which is wrong by ``1.2 mm / sqrt(12)``, and a spacing of 1 m make the 0.028 degrees that it
     measures.
     """
 
-    spacing: float = 2.0
+    spacing: float = 1.0
     road_heading: float = 0.0
     spot_sigma: float = 1.2e-3 / 12.0**0.5
     spacing_sigma: float = 0.0
