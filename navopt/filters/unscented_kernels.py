@@ -7,8 +7,9 @@ points and ``δ`` the mean deviation,
 
 which is the scaled transform (Julier 2002; van der Merwe 2004) exactly, because its weights add up to 1 for
 the mean and to 2 − α² + β for the covariance. The large weights of opposite sign (10⁶ for α = 0.001) never
-appear, no digits cancel, angles can be wrapped point by point, and for β ≥ α² the covariance is positive by
-construction.
+appear, angles can be wrapped point by point, and for β ≥ α² the covariance is positive by construction. What
+stays is that points lie α standard deviations from the mean and are rounded as numbers of its size: relative
+errors of the covariance are about ``1e-16 |x| / (α σ)``.
 """
 
 from __future__ import annotations
