@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from navopt.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from baselines.adaptive_unscented import AdaptiveUnscented as AdaptiveUnscented
     from baselines.als_fit import fit_autocovariances as fit_autocovariances
     from baselines.autocovariance_least_squares import (
         AutocovarianceLeastSquares as AutocovarianceLeastSquares,
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from baselines.calibration_fit import TriadFit as TriadFit
     from baselines.em_steps import fit_em as fit_em
     from baselines.expectation_maximization import ExpectationMaximization as ExpectationMaximization
+    from baselines.fixed_tuning import FixedTuning as FixedTuning
     from baselines.iccp import ContourMatch as ContourMatch
     from baselines.iccp import Iccp as Iccp
     from baselines.innovation_adaptive import InnovationAdaptive as InnovationAdaptive
@@ -47,6 +49,7 @@ if TYPE_CHECKING:
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
+        "AdaptiveUnscented": "baselines.adaptive_unscented",
         "AutocovarianceLeastSquares": "baselines.autocovariance_least_squares",
         "Baseline": "baselines.base",
         "Calibrated": "baselines.calibration_fit",
@@ -54,6 +57,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "EstimatedNoise": "baselines.noise_baseline",
         "ExpectationMaximization": "baselines.expectation_maximization",
         "FilteredTrack": "baselines.particle_matching",
+        "FixedTuning": "baselines.fixed_tuning",
         "Gate": "baselines.track_estimate",
         "Iccp": "baselines.iccp",
         "ImuFit": "baselines.calibration_fit",

@@ -43,6 +43,7 @@ CAPABILITIES = {
     "track": "an inertial track measured over a field map (GravityMatching)",
     "similarity": "a translation, rotation and scale of a track (GravityMatching)",
     "linear-gaussian": "a linear-Gaussian model with its measurements (NoiseTuning)",
+    "heading-filter": "a filter that aligns with a measured heading (HeadingAlignment)",
 }
 _REASONED = ("spends_all", "comparison_based", "resumable")
 

@@ -13,6 +13,7 @@ from navopt.problem import EstimationProblem, Parameter
 from navopt.problems.analytic import Sphere
 from navopt.problems.gravity_matching import GravityMatching
 from navopt.problems.gyro_calibration import GyroCalibration
+from navopt.problems.heading_alignment import HeadingAlignment
 from navopt.problems.noise_tuning import NoiseTuning
 
 SOLVERS = navopt.list_solvers()
@@ -63,6 +64,12 @@ def world(name: str, seed: int = 0) -> EstimationProblem:
     if "triad" in navopt.solver_info(name).needs:
         # well inside the box, whatever the noise
         return navopt.simulate("gyro-calibration", seed, scale_spread_ppm=200.0, noise={"deg_sqrt_h": 0.0005})
+    if "heading-filter" in navopt.solver_info(name).needs:
+        # the truth is not what the data sheet says, which is what these solvers answer
+        return navopt.simulate(
+            "heading-alignment", seed, duration_s=5.0, rate_hz=10.0, imu_noise_factor=2.0,
+            velocity_noise_factor=1.5, heading_noise_factor=1.5,
+        )  # fmt: skip
     if "linear-gaussian" in navopt.solver_info(name).needs:
         return navopt.simulate("noise-tuning", seed, steps=120)
     if navopt.solver_info(name).needs:
@@ -83,6 +90,12 @@ def hostile_boxes(name: str) -> dict[str, EstimationProblem]:
         return hostile_gyros(base)
     if isinstance(base, NoiseTuning):
         return hostile_noises(base)
+    if isinstance(base, HeadingAlignment):
+        sides = {"all negative": (-5.0, -4.0), "asymmetric": (-0.1, 4.0), "far from zero": (5.0, 5.5)}
+        return {
+            label: HeadingAlignment(base.record, truth=base.truth, box=dict.fromkeys(base.tuned, side))
+            for label, side in sides.items()
+        }
     assert isinstance(base, GravityMatching)
     boxes = {
         "all negative": [[-9e3, -2e3], [-8e3, -1e3], [-0.3, -0.1], [0.8, 0.9]],

@@ -253,7 +253,7 @@ def test_an_unsuitable_problem_is_refused_with_what_is_needed(name: str) -> None
     info = navopt.solver_info(name)
     sphere = navopt.simulate("sphere", 0)
     if info.needs:
-        with pytest.raises(UnsuitableProblem, match=r"it needs .*\((Gravity|Gyro|Noise)[A-Z]\w+\)"):
+        with pytest.raises(UnsuitableProblem, match=r"it needs .*\((Gravity|Gyro|Heading|Noise)[A-Z]\w+\)"):
             navopt.solve(sphere, name, budget=50)
         with pytest.raises(UnsuitableProblem, match="it needs"):
             minimize(sphere, navopt.make_solver(name), ("n_eval", 50), seed=1)

@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from navopt.models.cruise import InsErrors as InsErrors
     from navopt.models.cruise import InsTrack as InsTrack
     from navopt.models.field_map import FieldMap as FieldMap
+    from navopt.models.heading_alignment import HeadingScenario as HeadingScenario
+    from navopt.models.heading_alignment import simulate_heading_record as simulate_heading_record
+    from navopt.models.heading_record import HeadingRecord as HeadingRecord
+    from navopt.models.heading_record import record_from_imu as record_from_imu
     from navopt.models.imu_calibration import ImuCalibration as ImuCalibration
     from navopt.models.ins import ErrorBasis as ErrorBasis
     from navopt.models.ins import error_basis as error_basis
@@ -21,6 +25,7 @@ if TYPE_CHECKING:
     from navopt.models.ins import position_error_covariance as position_error_covariance
     from navopt.models.ins import simulate_ins as simulate_ins
     from navopt.models.ins import velocity_error_covariance as velocity_error_covariance
+    from navopt.models.laser_spot import LaserSpot as LaserSpot
     from navopt.models.linear_gaussian import LinearGaussianModel as LinearGaussianModel
     from navopt.models.navigation import CalibrationResidual as CalibrationResidual
     from navopt.models.navigation import NavigationError as NavigationError
@@ -34,6 +39,7 @@ if TYPE_CHECKING:
     from navopt.models.positions import six_positions as six_positions
     from navopt.models.positions import specific_force as specific_force
     from navopt.models.positions import twenty_four_positions as twenty_four_positions
+    from navopt.models.resting_strapdown import resting_strapdown as resting_strapdown
     from navopt.models.sensor_noise import AccelerometerNoise as AccelerometerNoise
     from navopt.models.sensor_noise import GyroNoise as GyroNoise
     from navopt.models.sins_error import TrueMotion as TrueMotion
@@ -63,11 +69,14 @@ __getattr__, __dir__, __all__ = lazy_names(
         "FieldMap": "navopt.models.field_map",
         "GyroNoise": "navopt.models.sensor_noise",
         "GyroTriad": "navopt.models.triad",
+        "HeadingRecord": "navopt.models.heading_record",
+        "HeadingScenario": "navopt.models.heading_alignment",
         "ImuCalibration": "navopt.models.imu_calibration",
         "ImuGrade": "navopt.models.alignment_sensors",
         "InsErrors": "navopt.models.cruise",
         "InsTrack": "navopt.models.cruise",
         "LakeScenario": "navopt.models.navigation_scenarios",
+        "LaserSpot": "navopt.models.laser_spot",
         "LinearGaussianModel": "navopt.models.linear_gaussian",
         "NavigationError": "navopt.models.navigation",
         "SensorTriad": "navopt.models.triad",
@@ -86,11 +95,14 @@ __getattr__, __dir__, __all__ = lazy_names(
         "position_error_covariance": "navopt.models.ins",
         "propagate_ins_errors": "navopt.models.sins_error",
         "rate_positions": "navopt.models.positions",
+        "record_from_imu": "navopt.models.heading_record",
         "residual_error": "navopt.models.triad",
+        "resting_strapdown": "navopt.models.resting_strapdown",
         "scattered_positions": "navopt.models.positions",
         "segment_heading_error": "navopt.models.sins_error",
         "segment_length_ratio": "navopt.models.sins_error",
         "segment_scale": "navopt.models.sins_error",
+        "simulate_heading_record": "navopt.models.heading_alignment",
         "simulate_ins": "navopt.models.ins",
         "six_positions": "navopt.models.positions",
         "specific_force": "navopt.models.positions",

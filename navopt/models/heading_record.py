@@ -20,7 +20,14 @@ from navopt.models.laser_spot import check_heading
 from navopt.models.resting_strapdown import resting_strapdown
 from navopt.models.static_alignment import StaticSite
 
-__all__ = ["VELOCITIES", "HeadingRecord", "check_times", "readings_on_clock", "record_from_imu"]
+__all__ = [
+    "VELOCITIES",
+    "HeadingRecord",
+    "check_times",
+    "prescribed_covariance",
+    "readings_on_clock",
+    "record_from_imu",
+]
 
 Array = NDArray[np.float64]
 

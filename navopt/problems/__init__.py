@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from navopt.problems.gravity_window import window_error_bound as window_error_bound
     from navopt.problems.gyro_calibration import GyroCalibration as GyroCalibration
     from navopt.problems.gyro_navigation import GyroNavigation as GyroNavigation
+    from navopt.problems.heading_alignment import HeadingAlignment as HeadingAlignment
+    from navopt.problems.heading_alignment import HeadingTruth as HeadingTruth
+    from navopt.problems.heading_scores import convergence_time as convergence_time
+    from navopt.problems.heading_settings import HeadingSettings as HeadingSettings
     from navopt.problems.noise_estimate import NoiseEstimate as NoiseEstimate
     from navopt.problems.noise_estimate import NoiseTruth as NoiseTruth
     from navopt.problems.noise_tuning import NoiseTuning as NoiseTuning
@@ -52,6 +56,9 @@ __getattr__, __dir__, __all__ = lazy_names(
         "Griewank": "navopt.problems.analytic",
         "GyroCalibration": "navopt.problems.gyro_calibration",
         "GyroNavigation": "navopt.problems.gyro_navigation",
+        "HeadingAlignment": "navopt.problems.heading_alignment",
+        "HeadingSettings": "navopt.problems.heading_settings",
+        "HeadingTruth": "navopt.problems.heading_alignment",
         "HelicalValley": "navopt.problems.analytic",
         "MatchedTrack": "navopt.problems.gravity_matching",
         "MeasurementErrors": "navopt.problems.gravity_sensing",
@@ -76,6 +83,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "Wood": "navopt.problems.analytic",
         "Wrapper": "navopt.problems.wrapper_base",
         "Zettl": "navopt.problems.analytic",
+        "convergence_time": "navopt.problems.heading_scores",
         "integrate_twice": "navopt.problems.pushing_distance",
         "track_error_bound": "navopt.problems.gravity_window",
         "window_error_bound": "navopt.problems.gravity_window",
