@@ -13,7 +13,7 @@ from rich.table import Table
 from comparisons.filter_speed import clocked
 from comparisons.speed import interleaved
 from navopt.errors import InvalidInput, MissingExtra
-from navopt.filters.heading_record import HeadingFilter, HeadingInputs, filter_heading
+from navopt.filters.heading_filter import HeadingFilter, HeadingInputs, filter_heading
 from navopt.filters.unscented import UnscentedFilter
 from navopt.models.azimuth_error import advance, alignment_process, azimuth_constants, heading_measurement
 from navopt.models.static_alignment import StaticSite

@@ -69,7 +69,7 @@ def test_every_variant_is_the_kalman_filter_where_all_is_linear(missing: float, 
 
     noises = {"Q": process_noise, "R": R, "P0": model.P0, "x0": model.x0, "covariance_update": update}
     # a cap of 1 leaves nothing of strong tracking
-    nothing = StrongTracking(cap=1)
+    nothing = StrongTracking(cap=1, factors="single")
     filters = [
         UnscentedFilter(
             process, measure, variant=variant, alpha=alpha, square_root=square, strong=strong, **noises
@@ -96,7 +96,14 @@ def test_every_variant_is_the_kalman_filter_where_all_is_linear(missing: float, 
         assert run.log_likelihood == pytest.approx(exact.log_likelihood[0], rel=1e-9)
 
 
-@pytest.mark.parametrize("strong", [None, StrongTracking(cap=3.0), StrongTracking(cap=3.0, fades="process")])
+@pytest.mark.parametrize(
+    "strong",
+    [
+        None,
+        StrongTracking(cap=3.0, factors="single"),
+        StrongTracking(cap=3.0, factors="single", fades="process"),
+    ],
+)
 def test_the_root_carries_the_same_covariance(strong) -> None:
     t, _, z = record(200)
     z[::7, 0] = np.nan
@@ -218,6 +225,7 @@ def test_bearings_may_cross_the_seam() -> None:
             UnscentedFilter(
                 lambda states, u, dt: states, bearing, Q=1e-3 * np.eye(2), R=[[4e-4]], P0=0.1 * np.eye(2),
                 x0=start, angles=(0,), variant=variant, alpha=0.5,
+                strong=StrongTracking(factors="single") if variant != "ukf" else None,
             ).run(t, z[:, None])
             for variant in ("ukf", "sst-ukf", "st-ukf")
         ]  # fmt: skip

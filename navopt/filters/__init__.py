@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from navopt.filters.consistency import whitened as whitened
     from navopt.filters.extended import ExtendedFilter as ExtendedFilter
     from navopt.filters.fading import StrongTracking as StrongTracking
-    from navopt.filters.heading_record import HeadingFilter as HeadingFilter
-    from navopt.filters.heading_record import HeadingInputs as HeadingInputs
-    from navopt.filters.heading_record import HeadingRun as HeadingRun
-    from navopt.filters.heading_record import filter_heading as filter_heading
-    from navopt.filters.heading_record import filter_headings as filter_headings
+    from navopt.filters.heading_filter import HeadingFilter as HeadingFilter
+    from navopt.filters.heading_filter import HeadingInputs as HeadingInputs
+    from navopt.filters.heading_filter import HeadingRun as HeadingRun
+    from navopt.filters.heading_filter import filter_heading as filter_heading
+    from navopt.filters.heading_filter import filter_headings as filter_headings
     from navopt.filters.information import fisher_information as fisher_information
     from navopt.filters.noise_adaptation import NoiseAdaptation as NoiseAdaptation
     from navopt.filters.nonlinear import FilterRun as FilterRun
@@ -41,9 +41,9 @@ __getattr__, __dir__, __all__ = lazy_names(
         "Consistency": "navopt.filters.consistency",
         "ExtendedFilter": "navopt.filters.extended",
         "FilterRun": "navopt.filters.nonlinear",
-        "HeadingFilter": "navopt.filters.heading_record",
-        "HeadingInputs": "navopt.filters.heading_record",
-        "HeadingRun": "navopt.filters.heading_record",
+        "HeadingFilter": "navopt.filters.heading_filter",
+        "HeadingInputs": "navopt.filters.heading_filter",
+        "HeadingRun": "navopt.filters.heading_filter",
         "NoiseAdaptation": "navopt.filters.noise_adaptation",
         "SteadyState": "navopt.filters.steady_state",
         "StrongTracking": "navopt.filters.fading",
@@ -52,8 +52,8 @@ __getattr__, __dir__, __all__ = lazy_names(
         "alpha_beta": "navopt.filters.steady_state",
         "check_consistency": "navopt.filters.consistency",
         "chi_square_band": "navopt.filters.consistency",
-        "filter_heading": "navopt.filters.heading_record",
-        "filter_headings": "navopt.filters.heading_record",
+        "filter_heading": "navopt.filters.heading_filter",
+        "filter_headings": "navopt.filters.heading_filter",
         "fisher_information": "navopt.filters.information",
         "ljung_box": "navopt.filters.consistency",
         "normalised_squares": "navopt.filters.consistency",

@@ -43,15 +43,16 @@ class StrongTracking:
     normalise : bool, default True
         Whether channels are divided by their variances in R before traces are taken. Otherwise metres and
         radians are added up, and the channel with the largest numbers decides alone.
-    factors : {"single", "multiple"}
-        One factor for all states, or one for each channel that acts on the state it measures: ``λ_j = N_jj /
-        M_jj``, ``P⁻ → D P⁻ D``, ``D = diag √λ``. States that no channel measures are left alone.
+    factors : {"multiple", "single"}
+        One factor for each channel that acts on the state it measures, ``λ_j = N_jj / M_jj``,
+        ``P⁻ → D P⁻ D``, ``D = diag √λ``: states that no channel measures are left alone. Or one factor for
+        all, as printed: then the variances of states that the measurements hardly determine are multiplied
+        too, every time, and grow without limit, under any cap.
     states : sequence of int, optional
         For several factors, the state that each channel measures, −1 for none. By default the largest entry
         of each row of H; to be given where the measurement is a function.
     cap : float or None, default 1.05
-        Largest factor, at least 1. Without a cap a single factor lets the variance of states that the
-        measurements hardly determine grow without limit.
+        Largest factor, at least 1.
 
     Raises
     ------
@@ -68,7 +69,7 @@ class StrongTracking:
     weakening: float = 1.0
     fades: str = "whole"
     normalise: bool = True
-    factors: str = "single"
+    factors: str = "multiple"
     states: tuple[int, ...] | None = None
     cap: float | None = 1.05
 
@@ -85,7 +86,7 @@ class StrongTracking:
     @classmethod
     def published(cls) -> StrongTracking:
         """Strong tracking as printed (paper 002, section 4): one factor from plain traces, without a cap."""
-        return cls(normalise=False, cap=None)
+        return cls(normalise=False, factors="single", cap=None)
 
     def faded_states(self, H: np.ndarray | None, n: int, m: int) -> np.ndarray:
         """State on which the factor of each channel acts.

@@ -220,8 +220,8 @@ def filter_heading(
     """Filter one record with one setting.
 
     The numbers are those of `UnscentedFilter` and `ExtendedFilter` with the functions of
-    `navopt.models.azimuth_error`, to rounding; everything is compiled. Where only velocities are measured their
-    matrix is used and no sigma points are drawn.
+    `navopt.models.azimuth_error`, to rounding; everything is compiled. Where only velocities
+    are measured their matrix is used and no sigma points are drawn.
 
     Parameters
     ----------
