@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from navopt.problems.gyro_calibration import GyroCalibration as GyroCalibration
     from navopt.problems.gyro_navigation import GyroNavigation as GyroNavigation
     from navopt.problems.heading_alignment import HeadingAlignment as HeadingAlignment
-    from navopt.problems.heading_alignment import HeadingTruth as HeadingTruth
     from navopt.problems.heading_scores import convergence_time as convergence_time
     from navopt.problems.heading_settings import HeadingSettings as HeadingSettings
+    from navopt.problems.heading_settings import HeadingTruth as HeadingTruth
     from navopt.problems.noise_estimate import NoiseEstimate as NoiseEstimate
     from navopt.problems.noise_estimate import NoiseTruth as NoiseTruth
     from navopt.problems.noise_tuning import NoiseTuning as NoiseTuning
@@ -58,7 +58,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "GyroNavigation": "navopt.problems.gyro_navigation",
         "HeadingAlignment": "navopt.problems.heading_alignment",
         "HeadingSettings": "navopt.problems.heading_settings",
-        "HeadingTruth": "navopt.problems.heading_alignment",
+        "HeadingTruth": "navopt.problems.heading_settings",
         "HelicalValley": "navopt.problems.analytic",
         "MatchedTrack": "navopt.problems.gravity_matching",
         "MeasurementErrors": "navopt.problems.gravity_sensing",

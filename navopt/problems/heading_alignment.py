@@ -2,59 +2,38 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from navopt.algorithms.options import number, one_of
-from navopt.errors import InvalidInput, UnknownName
+from navopt.errors import InvalidInput
 from navopt.models.azimuth_error import error_rotation
 from navopt.models.enu_attitude import attitude_angles
-from navopt.models.heading_alignment import HeadingScenario, simulate_heading_record
 from navopt.models.heading_record import HeadingRecord, record_from_imu
-from navopt.models.heading_start import alignment_process_noise, with_heading_state
 from navopt.problem import EstimationProblem
+from navopt.problems.heading_filters import make_filter, prepare
 from navopt.problems.heading_scores import score_run, state_errors
 from navopt.problems.heading_settings import (
     HeadingSettings,
+    HeadingTruth,
     default_tuned,
     make_parameters,
     settings_at,
     vector_of,
 )
+from navopt.problems.heading_worlds import name_keywords, simulated_world
 from navopt.problems.static_alignment import AlignedAttitude
 from navopt.registry import problem
 
 __all__ = ["OBJECTIVES", "HeadingAlignment", "HeadingTruth"]
 
 OBJECTIVES = ("innovations", "oracle")
-#: Variance of the heading error beside what makes it, rad^2: a fifth of a second of arc, against singularity.
-NUGGET = 1e-12
 #: Beginnings of the names of parameters that are noises.
 NOISES = ("log10_q", "log10_r")
 ANGLES = slice(2, 5)
-
-
-@dataclass(frozen=True)
-class HeadingTruth:
-    """What a world was.
-
-    Attributes
-    ----------
-    states : ndarray, shape (K, 11)
-        True errors at the ticks of the measurements' clock.
-    accel_scale, gyro_scale, velocity_scale, heading_scale : float
-        Variances of the noise over the declared ones, where they are constant.
-    """
-
-    states: np.ndarray
-    accel_scale: float = 1.0
-    gyro_scale: float = 1.0
-    velocity_scale: float = 1.0
-    heading_scale: float = 1.0
 
 
 @problem(
@@ -157,7 +136,7 @@ class HeadingAlignment(EstimationProblem):
             raise InvalidInput("objective", objective, "a recording has no true states: use 'innovations'")
         if not self.settings.has_heading_state and all(n.startswith(NOISES) for n in self.tuned):
             self.provides = self.provides | {"linear-gaussian"}  # type: ignore[misc]
-        self._prepared = self._prepare()
+        self._prepared = prepare(record)
         self._inputs: dict[str, Any] = {}
         self._inputs = {self.settings.velocities: self.inputs(self.settings.velocities)}
         self._world: dict[str, Any] | None = None
@@ -173,21 +152,6 @@ class HeadingAlignment(EstimationProblem):
         return x
 
     # -- the filter ------------------------------------------------------------------------------------------
-    def _prepare(self) -> dict[str, np.ndarray]:
-        """What every candidate shares: process noise of each kind of sensor, and inputs at measurements."""
-        record = self.record
-        pieces = {}
-        for name, silent in (("accel", "gyro_noise"), ("gyro", "accelerometer_noise")):
-            for with_heading in (False, True):
-                for correlated in (False, True):
-                    pieces[f"{name}-{with_heading}-{correlated}"] = alignment_process_noise(
-                        record.site, replace(record.grade, **{silent: 0.0}), record.step, record.attitude[0],
-                        angles=record.x0[ANGLES], with_heading=with_heading, correlated=correlated,
-                    )  # fmt: skip
-        pieces["measured"] = record.measured_constants
-        pieces["steps"] = np.vstack([record.constants, record.constants[-1:]])
-        return pieces
-
     def inputs(self, velocities: str = "clock") -> Any:
         """Return what a filter gets.
 
@@ -223,32 +187,7 @@ class HeadingAlignment(EstimationProblem):
         -------
         navopt.filters.HeadingFilter
         """
-        from navopt.filters.heading_filter import HeadingFilter
-
-        record, state = self.record, settings.has_heading_state
-        correlated = settings.formulation == "correlated"
-        key = f"{state}-{correlated}"
-        Q = (
-            settings.accel_scale * self._prepared[f"accel-{key}"]
-            + settings.gyro_scale * self._prepared[f"gyro-{key}"]
-        )
-        R = np.diag(
-            [settings.velocity_scale * record.velocity_sigma**2] * 2
-            + [settings.heading_scale * record.heading_sigma**2]
-        )
-        x0, P0 = record.x0, record.P0
-        if state:
-            x0, P0 = with_heading_state(
-                x0, P0, self._prepared["measured"][0], correlated=correlated, extra=NUGGET
-            )
-            if settings.heading_state_sigma is not None and not correlated:
-                P0[5, 5] = settings.heading_state_sigma**2
-        return HeadingFilter(
-            Q=Q, R=R, P0=P0, x0=x0, variant=settings.variant,
-            heading={"direct": "direct", "none": "none"}.get(settings.formulation, "state"),
-            alpha=settings.spread, strong=settings.strong, adaptation=settings.learning,
-            covariance_update=settings.covariance_update,
-        )  # fmt: skip
+        return make_filter(self.record, self._prepared, settings)
 
     def run(self, settings: HeadingSettings, *, covariances: bool = True) -> Any:
         """Run a filter over the record.
@@ -428,22 +367,7 @@ heading_bias_sigma, every, attitude, prior_sigma
         -------
         HeadingAlignment
         """
-        for name in scenario:
-            if name not in (*SCENARIO, *OPTIONS, "noise_seed"):
-                raise UnknownName("scenario", name, (*SCENARIO, *OPTIONS, "noise_seed"))
-        world = HeadingScenario(**{k: v for k, v in scenario.items() if k in SCENARIO})
-        record = simulate_heading_record(world, seed, scenario.get("noise_seed"))
-        truth = HeadingTruth(
-            np.ascontiguousarray(record.states[:: record.clock]),  # type: ignore[index]
-            accel_scale=world.imu_noise_factor**2,
-            gyro_scale=world.imu_noise_factor**2,
-            velocity_scale=world.velocity_noise_factor**2,
-            heading_scale=world.heading_noise_factor**2,
-        )
-        made = cls(record, truth=truth, **{k: v for k, v in scenario.items() if k in OPTIONS})
-        again = {k: v for k, v in scenario.items() if k != "noise_seed"}
-        object.__setattr__(made, "_world", {"seed": seed, **again})
-        return made
+        return simulated_world(cls, seed, scenario)
 
     def redraw(self, seed: int) -> EstimationProblem:
         """Return the same system with the same biases and start, and other noise."""
@@ -452,26 +376,4 @@ heading_bias_sigma, every, attitude, prior_sigma
         return type(self).simulate(noise_seed=seed, **self._world)
 
 
-#: Keywords of `simulate`: those of the scenario, with their defaults, and those of the class.
-SCENARIO = {f.name: f.default for f in fields(HeadingScenario) if f.default is not MISSING}
-OPTIONS = {
-    p.name: p.default
-    for p in inspect.signature(HeadingAlignment.__init__).parameters.values()
-    if p.kind is p.KEYWORD_ONLY and p.name != "truth"
-}
-
-
-def _signature() -> inspect.Signature:
-    """Signature of `simulate` with every keyword by name: the registry and the documentation read it."""
-    positional = [
-        inspect.Parameter("cls", inspect.Parameter.POSITIONAL_OR_KEYWORD),
-        inspect.Parameter("seed", inspect.Parameter.POSITIONAL_OR_KEYWORD, default=0),
-    ]
-    named = {**SCENARIO, **OPTIONS, "noise_seed": None}
-    return inspect.Signature(
-        positional
-        + [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=v) for name, v in named.items()]
-    )
-
-
-HeadingAlignment.simulate.__func__.__signature__ = _signature()  # type: ignore[attr-defined]
+name_keywords(HeadingAlignment)

@@ -21,6 +21,7 @@ __all__ = [
     "STRONG",
     "VARIANTS",
     "HeadingSettings",
+    "HeadingTruth",
     "default_tuned",
     "make_parameters",
     "settings_at",
@@ -163,6 +164,25 @@ class HeadingSettings:
     def has_heading_state(self) -> bool:
         """Whether the state has eleven entries."""
         return self.formulation in ("correlated", "paper")
+
+
+@dataclass(frozen=True)
+class HeadingTruth:
+    """What a world was.
+
+    Attributes
+    ----------
+    states : ndarray, shape (K, 11)
+        True errors at the ticks of the measurements' clock.
+    accel_scale, gyro_scale, velocity_scale, heading_scale : float
+        Variances of the noise over the declared ones, where they are constant.
+    """
+
+    states: np.ndarray
+    accel_scale: float = 1.0
+    gyro_scale: float = 1.0
+    velocity_scale: float = 1.0
+    heading_scale: float = 1.0
 
 
 def default_tuned(settings: HeadingSettings) -> tuple[str, ...]:
