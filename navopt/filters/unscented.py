@@ -81,10 +81,11 @@ class UnscentedFilter(NonlinearFilter):
     InvalidInput
         If a shape does not fit, a covariance is none, or a number is out of range.
 
-    Notes ----- Sigma points are drawn anew from the predicted covariance, process noise included, before a
-    measurement that is a function: so does filterpy, and the numbers are the same. `SST-UKF
-    <strong-tracking>` with a function for its measurement keeps the slope and the spread Ω found before
-    fading, ``S = H λP⁻ Hᵀ + Ω + R``.
+    Notes
+    -----
+    Sigma points are drawn anew from the predicted covariance, process noise included, before a measurement
+    that is a function: so does filterpy, and the numbers are the same. SST-UKF with a function for its
+    measurement keeps the slope H and the spread Ω found before fading, ``S = H λP⁻ Hᵀ + Ω + R``.
     """
 
     def __init__(
