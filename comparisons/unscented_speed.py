@@ -52,7 +52,7 @@ class UnscentedCost:
 
 
 def alignment_record(seconds: float, every: int) -> tuple[HeadingInputs, dict[str, Any]]:
-    """Record at rest at 100 Hz with the sensors of Yang et al. (2021), and what a filter of it needs.
+    """Record at rest at 100 Hz with the sensors of paper 002, and what a filter of it needs.
 
     Parameters
     ----------

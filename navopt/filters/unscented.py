@@ -59,8 +59,8 @@ class UnscentedFilter(NonlinearFilter):
         Its mean; zeros by default.
     variant : {"ukf", "srukf", "st-ukf", "sst-ukf"}
         Plain; carrying the root of the covariance; strong tracking with three transforms per step (process,
-        measurement, and measurement again with the faded covariance); strong tracking with one (Yang et al.
-        2021), which is the same filter where the measurement is linear.
+        measurement, and measurement again with the faded covariance); strong tracking with one (paper
+        002), which is the same filter where the measurement is linear.
     alpha, beta, kappa : float
         Spread of the sigma points (van der Merwe 2004).
     angles : tuple of int
