@@ -14,7 +14,7 @@ __all__ = ["FixedTuning"]
 @solver(
     "fixed-tuning",
     summary="one filter at the declared noises: EKF, UKF, strong-tracking UKF or SST-UKF",
-    source="the filters of Yang et al. 2021",
+    source="Math. Probl. Eng. 2020, 3101203",
     needs=("heading-filter",),
     stochastic=False,
     spends_all=False,
