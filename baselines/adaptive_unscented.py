@@ -43,8 +43,8 @@ class AdaptiveUnscented(HeadingBaseline):
 
     Notes
     -----
-    Only the noise of the measurements is learnt: what a low-cost gyro adds between two headings is a twentieth
-    of what a heading is wrong by, and hardly any innovation shows it.
+    Only the noise of the measurements is learnt: what a low-cost gyro adds between two headings is a
+    twentieth of what a heading is wrong by, and hardly any innovation shows it.
     """
 
     def __init__(

@@ -59,7 +59,7 @@ class FixedTuning(HeadingBaseline):
         cap: float | None = 1.05,
         fades: str = "whole",
         normalise: bool = True,
-        factors: str = "single",
+        factors: str = "multiple",
         spread: float = 1e-3,
         covariance_update: str = "joseph",
         velocities: str = "clock",

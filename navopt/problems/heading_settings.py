@@ -97,7 +97,7 @@ class HeadingSettings:
     cap: float | None = 1.05
     fades: str = "whole"
     normalise: bool = True
-    factors: str = "single"
+    factors: str = "multiple"
     spread: float = 1e-3
     covariance_update: str = "joseph"
     velocities: str = "clock"
@@ -128,7 +128,8 @@ class HeadingSettings:
         """
         printed = StrongTracking.published()
         given: dict[str, Any] = {
-            "variant": "sst-ukf", "formulation": "paper", "normalise": printed.normalise, "cap": printed.cap,
+            "variant": "sst-ukf", "formulation": "paper", "normalise": printed.normalise,
+            "factors": printed.factors, "cap": printed.cap,
             "covariance_update": "printed",
         }  # fmt: skip
         return cls(**{**given, **changes})
