@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import hashlib
 import io
 import json
 from collections.abc import Mapping
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from comparisons.result_folder import write_files
+from comparisons.result_folder import checksums_of, write_files
 from comparisons.run_key import versions
 from comparisons.tune_figures import (
     covariance_picture,
@@ -140,10 +139,6 @@ def tuning_summary(tuning: Tuning, *, inputs: Mapping[str, Path] | None = None) 
         Variances in the squares of the units of the model.
     """
     solution, settings, errors = tuning.solution, tuning.solution.settings, tuning.errors
-    files = {
-        name: {"name": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
-        for name, path in (inputs or {}).items()
-    }
     return {
         "format": FORMAT,
         "filter": tuning.name,
@@ -179,7 +174,7 @@ def tuning_summary(tuning: Tuning, *, inputs: Mapping[str, Path] | None = None) 
             "steps": len(tuning.log),
             "measurements": int(tuning.after.counts.sum()),
         },
-        "files": files,
+        "files": checksums_of(inputs),
         "notes": list(tuning.notes),
         "versions": versions(),
     }
