@@ -140,6 +140,8 @@ class HeadingAlignment(EstimationProblem):
         self._inputs: dict[str, Any] = {}
         self._inputs = {self.settings.velocities: self.inputs(self.settings.velocities)}
         self._world: dict[str, Any] | None = None
+        # the filters of a comparison all have the declared noises for a candidate: its loss is kept
+        self._last: tuple[HeadingSettings, float] | None = None
 
     def _true_vector(self, truth: HeadingTruth) -> np.ndarray | None:
         """Decision vector of the true noises, if nothing else is tuned and the box holds it."""
@@ -276,7 +278,13 @@ class HeadingAlignment(EstimationProblem):
         return Q, R
 
     def _loss(self, X: np.ndarray) -> np.ndarray:
-        return np.array([self._loss_of(self.estimate(x)) for x in X])
+        losses = np.empty(len(X))
+        for k, x in enumerate(X):
+            settings = self.estimate(x)
+            if self._last is None or self._last[0] != settings:
+                object.__setattr__(self, "_last", (settings, self._loss_of(settings)))
+            losses[k] = self._last[1]  # type: ignore[index]
+        return losses
 
     def _loss_of(self, settings: HeadingSettings) -> float:
         run = self.run(settings, covariances=False)
