@@ -1,8 +1,9 @@
 """Tables and pictures of the page "Heading-aided alignment compared", from the results of its studies.
 
-``python docs/heading_compared.py results/heading-paper results/robust-alignment results/heading-tuning`` prints
-the tables of each study; ``pictures`` as an argument draws those of the page into ``docs/images``, ``rates``
-compares the thinned steps of the studies with all of them, ``horizons`` shows when one fading factor blows up.
+``python docs/heading_compared.py results/heading-paper results/robust-alignment results/heading-tuning``
+prints the tables of each study; ``pictures`` as an argument draws those of the page into ``docs/images``,
+``rates`` compares the thinned steps of the studies with all of them, ``horizons`` shows when one fading
+factor blows up, ``angles`` has mean and variance of each angle, ``spots`` the check of the laser spots.
 """
 
 from __future__ import annotations
@@ -214,7 +215,7 @@ def tuned(store: ResultsStore, runs: pd.DataFrame) -> str:
     return "\n".join(lines)
 
 
-# -- pictures, rates and horizons -----------------------------------------------------------------------------
+# -- pictures, rates and horizons --------------------------------------------------------------------------
 def pictures(worlds: int = TRUTH_WORLDS) -> None:
     """Draw the pictures of the page."""
     study = Study.named("heading-paper")
@@ -273,7 +274,8 @@ def horizons(worlds: int = 10) -> str:
     cases = {
         "printed": printed,
         "printed, heading used directly": replace(printed, formulation="direct"),
-        "printed, square root": replace(printed, formulation="direct", variant="st-ukf"),
+        "printed, three transforms": replace(printed, variant="st-ukf"),
+        "printed, capped at 1.05": replace(printed, cap=1.05),
         "one factor, covariance of the faded": replace(one, cap=None, normalise=False),
         "the same, channels normalised": replace(one, cap=None),
         "the same, capped at 1.05": one,
