@@ -111,7 +111,7 @@ def scenario_tables(store: ResultsStore, runs: pd.DataFrame, *, within: float) -
                 consistency(run_scores(own, "nees_1"), FREEDOM["nees_1"]),
                 consistency(run_scores(own, "angle_nees_1"), FREEDOM["angle_nees_1"]),
                 f"{run_scores(own, 'nis_1').median():.3g}",
-                str(int(run_scores(own, "failed_1").sum())),
+                str(int((run_scores(own, "failed_1") > 0.5).sum())),
             ]
             lines.append(f"| {entry.label} | {' | '.join(cells)} |")
         lines += ["", f"({here['world'].nunique()} worlds)", ""]
