@@ -22,7 +22,7 @@ POINTS = 1500
 
 @styled
 def course_figure(courses: Mapping[str, Any]) -> Figure:
-    """Draw the errors of the three angles over time: Figures 7, 8 and 11 of Yang et al. (2021).
+    """Draw the errors of the three angles over time: Figures 7, 8 and 11 of paper 002.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def course_figure(courses: Mapping[str, Any]) -> Figure:
 
 @styled
 def azimuth_figure(courses: Mapping[str, Any]) -> Figure:
-    """Draw the azimuth's error over time in several scenarios: Figure 9 of Yang et al. (2021).
+    """Draw the azimuth's error over time in several scenarios: Figure 9 of paper 002.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def formulation_figure(
 
 @styled
 def spot_figure(test: SpotTest) -> Figure:
-    """Draw a spot test and its ground check: Figure 6 of Yang et al. (2021).
+    """Draw a spot test and its ground check: Figure 6 of paper 002.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The alignment of Yang et al. (2021) done again: Figures 6 to 9 and 11, and the statistics of their tables.
+"""A roadheader's alignment (paper 002) done again: Figures 6 to 9 and 11, and the statistics of its tables.
 
 ``python -m comparisons.heading_paper --out results/heading-paper-figures`` writes tables and pictures.
 Scenarios and filters are those of the study ``heading-paper``, whose tables have the scores over many worlds

@@ -126,9 +126,18 @@ def score_run(
         "azimuth_rms_rad": float(np.sqrt(np.mean(azimuth[late] ** 2))),
         "azimuth_mean_rad": float(azimuth[late].mean()),
         "azimuth_sigma_rad": float(azimuth[late].std()),
-        "nees_1": float(normalised_squares(errors[late], P).mean() / 10.0),
-        "angle_nees_1": float(normalised_squares(errors[late, ANGLES], P[:, ANGLES, ANGLES]).mean() / 3.0),
+        "nees_1": _mean_square(errors[late], P),
+        "angle_nees_1": _mean_square(errors[late, ANGLES], P[:, ANGLES, ANGLES]),
         "nis_1": float(run.nis.sum() / measured) if measured else float("nan"),
         "fading_1": float(factors.mean()) if len(factors) else 1.0,
         "failed_1": 0.0,
     }
+
+
+def _mean_square(errors: np.ndarray, covariances: np.ndarray) -> float:
+    """Mean normalised square per degree of freedom; infinite where rounding has spoilt a covariance."""
+    try:
+        return float(normalised_squares(errors, covariances).mean() / errors.shape[1])
+    except InvalidInput:
+        # variances that differ by more than the digits of a number: such a filter knows nothing
+        return float("inf")
