@@ -20,7 +20,9 @@ from comparisons.heading_paper import (
     write_all,
 )
 from navopt.errors import UnknownName
+from navopt.filters.heading_filter import HeadingRun
 from navopt.models.laser_spot import simulate_spot_test
+from navopt.problems.heading_scores import score_run
 from navopt.problems.heading_settings import HeadingSettings
 
 STUDIES = ("heading-paper", "robust-alignment", "heading-tuning")
@@ -139,8 +141,33 @@ def test_pictures(tmp_path):
         data = render(figure, format="png", dpi=50)
         assert data.startswith(b"\x89PNG")
         assert data == render(figure, format="png", dpi=50)
-    tables = write_all(tmp_path, worlds=1, study=study)
-    assert sorted(p.name for p in tmp_path.glob("*.png")) == [
-        "figure-11.png", "figure-6.png", "figure-7.png", "figure-8.png", "figure-9.png",
-    ]  # fmt: skip
-    assert len(tables["summary"]) == len(study.scenarios) * len(study.solvers)
+    small = tiny("heading-paper", duration=4.0, scenarios=["Simulation 1"])
+    wanted = {"figure-7": FIGURES["figure-7"]}
+    tables = write_all(tmp_path, worlds=1, study=small, figures=wanted)
+    assert sorted(p.name for p in tmp_path.glob("*.png")) == ["figure-6.png", "figure-7.png"]
+    assert sorted(p.stem for p in tmp_path.glob("*.csv")) == ["angles", "ground-check", "summary"]
+    assert len(tables["summary"]) == len(small.solvers)
+
+
+def test_a_covariance_spoilt_by_rounding_is_scored_as_knowing_nothing():
+    K = 6
+    sick = np.diag([1.0] * 9 + [-1e-9])
+    nothing = np.full((K, 3), np.nan)
+    run = HeadingRun(
+        times=np.arange(float(K)),
+        estimates=np.zeros((K, 10)),
+        deviations=np.ones((K, 10)),
+        covariances=np.tile(sick, (K, 1, 1)),
+        innovations=nothing,
+        innovation_variances=nothing,
+        nis=np.zeros(K),
+        fading_factors=nothing,
+        measurement_variances=nothing,
+        log_likelihood=0.0,
+        failed=None,
+        failed_step=None,
+    )
+    scores = score_run(run, np.zeros((K, 11)), azimuth_within=1.0, horizontal_within=1.0)
+    assert np.isinf(scores["nees_1"])
+    assert scores["angle_nees_1"] == 0.0
+    assert scores["azimuth_rms_rad"] == 0.0
