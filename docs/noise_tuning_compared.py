@@ -1,13 +1,14 @@
 """Pictures and tables of the page "Noise tuning compared", from the results of its studies.
 
 ``python docs/noise_tuning_compared.py results/noise-tuning results/pushing-paper`` writes the pictures of
-each study into ``docs/images`` and prints its tables; ``misprints`` as an argument needs no study.
+each study into ``docs/images`` and prints its table; ``misprints`` as an argument needs no study. Worlds
+that some solver has not finished yet are left out.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +19,15 @@ from matplotlib.figure import Figure
 import navopt
 from comparisons.alignment_bound import printed_alignment
 from comparisons.drawing import render
-from comparisons.printed import printed_table
-from comparisons.statistics import ranked_table, run_scores
+from comparisons.statistics import run_scores
 from comparisons.store import ResultsStore
 from comparisons.tuning_pictures import course_pictures
 from comparisons.wording import format_number
 
 IMAGES = Path(__file__).resolve().parent / "images"
-#: A tuning counts as found if its loss is within one per cent of the lowest of all solvers in its world.
+#: A tuning counts as found if its loss is within one per cent of the lowest of all solvers in its world,
+#: or, by the likelihood, whose zero means nothing, within so many nats per measurement.
 NEAR = 0.01
-#: The same for the likelihood, whose zero means nothing: nats per measurement.
-NEAR_NATS = 0.01
 #: Pictures of the page: study, scenario, place among the pictures of a world, name.
 PICTURES = (
     ("alignment-paper", "Table 3, five entries", 0, "alignment-errors"),
@@ -40,7 +39,7 @@ PICTURES = (
 )
 
 
-def save(name: str, figure: Figure, dpi: int = 70) -> None:
+def save(name: str, figure: Figure, dpi: int = 80) -> None:
     """Write a picture of the page."""
     IMAGES.mkdir(exist_ok=True)
     data = render(figure, format="png", dpi=dpi)
@@ -48,178 +47,161 @@ def save(name: str, figure: Figure, dpi: int = 70) -> None:
     print(f"images/tuning-{name}.png: {len(data) / 1000:.0f} kB\n")
 
 
+# -- pieces of tables ----------------------------------------------------------------------------------
+def complete(store: Any) -> pd.DataFrame:
+    """Runs of the worlds that every solver has finished in every scenario."""
+    runs, planned = store.runs(), len(store.study.scenarios) * len(store.study.solvers)
+    finished = runs.groupby("world")["world"].transform("size")
+    return runs[finished == planned]
+
+
 def of(runs: pd.DataFrame, scenario: str, solver: str) -> pd.DataFrame:
     """Runs of one solver in one scenario."""
     return runs[(runs["scenario"] == scenario) & (runs["solver"] == solver)]
 
 
-# -- all solvers and estimators ------------------------------------------------------------------------
-def ranking(store: Any, runs: pd.DataFrame, *, unit: float = 1.0, digits: int = 4) -> str:
-    """Held-out ranking score with its 95th percentile, consistency, cost and time."""
-    study, lines = store.study, []
-    table = ranked_table(runs, study)
-    for scenario in study.scenarios:
-        name, keywords = study.place(scenario)
-        world = navopt.simulate(name, seed=study.worlds[0], **keywords)
-        measured = int(np.isfinite(world.model.y).sum())
-        band = 1.96 * np.sqrt(2.0 / measured)  # of chi-square over its degrees of freedom
-        lines += [
-            f"| {scenario} | median | 95th percentile | NIS in {1 - band:.2f}–{1 + band:.2f} | NEES "
-            "| evaluations | time |",
-            "|---|---|---|---|---|---|---|",
-        ]
-        here = table[table["scenario"] == scenario]
-        worlds = int(here["worlds"].max())
-        for solver in here["solver"]:
-            own = of(runs, scenario, solver)
-            if not len(own):
-                continue
-            scores = run_scores(own, study.rank_by) * unit
-            nis, nees = own["held_out.nis_1"], own["held_out.nees_1"]
-            good = f"{100 * float((abs(nis - 1) < band).mean()):.0f} %"
-            time = _seconds(own["elapsed_s"].mean())
-            lines.append(
-                f"| {solver} | {scores.median():.{digits}f} | {scores.quantile(0.95):.{digits}f} | {good} "
-                f"| {format_number(nees.median(), digits=2)} | {own['cost'].mean():.0f} | {time} |"
-            )
-        lines += ["", f"({worlds} worlds)", ""]
-    return "\n".join(lines)
+def median(runs: pd.DataFrame, scenario: str, solver: str, score: str) -> float:
+    """Median of a score over the worlds, failed runs counting as infinite."""
+    return float(run_scores(of(runs, scenario, solver), score).median())
 
 
-def overview(store: Any, runs: pd.DataFrame) -> str:
-    """Median and 95th percentile of the ranking score in all scenarios at once, and the mean time."""
-    study = store.study
-    lines = [f"| | {' | '.join(study.scenarios)} | time |", "|---" * (len(study.scenarios) + 2) + "|"]
-    rows = []
-    for entry in study.solvers:
-        cells, first = [], np.inf
-        for k, scenario in enumerate(study.scenarios):
-            scores = run_scores(of(runs, scenario, entry.label), study.rank_by)
-            cells.append(f"{scores.median():.3f}, {scores.quantile(0.95):.3f}")
-            first = scores.median() if k == 0 else first
-        time = _seconds(runs[runs["solver"] == entry.label]["elapsed_s"].mean())
-        rows.append((first, f"| {entry.label} | {' | '.join(cells)} | {time} |"))
-    return "\n".join([*lines, *(text for _, text in sorted(rows, key=lambda row: row[0]))])
+def table(head: str, rows: Iterable[Sequence[str]]) -> str:
+    """Lines of a table; the columns of the head are separated by bars."""
+    lines = [f"| {' | '.join(row)} |" for row in rows]
+    return "\n".join([f"| {head} |", "|---" * (head.count("|") + 1) + "|", *lines])
 
 
-def _seconds(value: float) -> str:
+def seconds(runs: pd.DataFrame, solver: str) -> str:
+    """Mean time of a solver's runs."""
+    value = runs[runs["solver"] == solver]["elapsed_s"].mean()
     return f"{value:.1f} s" if value >= 1.0 else f"{1e3 * value:.0f} ms"
 
 
-# -- who finds the minimum -------------------------------------------------------------------------------
-def gaps(store: Any, runs: pd.DataFrame) -> str:
-    """Distance from the lowest loss known in each world, by solver."""
-    study, lines = store.study, []
-    for scenario in study.scenarios:
-        _, keywords = study.place(scenario)
-        oracle = keywords.get("objective") == "oracle"
-        here = runs[runs["scenario"] == scenario]
-        lowest = here.groupby("world")["loss"].min()
-        unit = "%" if oracle else "nats per measurement"
-        head = f"median gap, {unit} | largest gap | runs within {'1 %' if oracle else NEAR_NATS} | time |"
-        lines += [f"| {scenario} | {head}", "|---|---|---|---|---|"]
-        for entry in study.solvers:
-            own = of(runs, scenario, entry.label)
-            if not len(own):
-                continue
-            least = own["world"].map(lowest).to_numpy()
-            loss = own["loss"].to_numpy(dtype=float)
-            gap = 100.0 * (loss / least - 1.0) if oracle else loss - least
-            near = 100.0 * float((gap < (100.0 * NEAR if oracle else NEAR_NATS)).mean())
-            middle, largest = (f"{f(gap):.2g}" for f in (np.nanmedian, np.nanmax))
-            seconds = _seconds(own["elapsed_s"].mean())
-            lines.append(f"| {entry.label} | {middle} | {largest} | {near:.0f} % | {seconds} |")
-        lines += ["", f"({here['world'].nunique()} worlds)", ""]
-    return "\n".join(lines)
+def gaps(runs: pd.DataFrame, scenario: str, solver: str, *, relative: bool) -> np.ndarray:
+    """Distance of the losses from the lowest known in their worlds, or its share of that."""
+    own = of(runs, scenario, solver)
+    least = own["world"].map(runs[runs["scenario"] == scenario].groupby("world")["loss"].min())
+    gap = run_scores(own, "loss") - least
+    return (gap / least if relative else gap).to_numpy(dtype=float)
 
 
-# -- what the papers print ------------------------------------------------------------------------------
-def printed(store: Any, runs: pd.DataFrame) -> str:
-    """Printed values beside ours, with the place of the printed one."""
-    lines = ["| scenario | solver | score | printed | ours, median | lowest | highest | printed / ours |"]
-    lines += ["|---|---|---|---|---|---|---|---|"]
-    for row in printed_table(runs, store.study).to_dict("records"):
-        numbers = " | ".join(f"{row[key]:.3g}" for key in ("printed", "median", "minimum", "maximum"))
-        times = row["printed"] / row["median"]
-        lines.append(f"| {row['scenario']} | {row['solver']} | {row['score']} | {numbers} | {times:.2g} |")
-    return "\n".join(lines)
-
-
-def paper_ranking(store: Any, runs: pd.DataFrame, keys: Sequence[tuple[str, str, float]]) -> str:
-    """Scores of a paper's own comparison on its record, and on others."""
-    study, lines = store.study, []
-    for scenario in study.scenarios:
-        titles = " | ".join(title for title, _, _ in keys)
-        lines += [f"| {scenario} | {titles} |", "|---" * (len(keys) + 1) + "|"]
-        for entry in study.solvers:
-            own = of(runs, scenario, entry.label)
-            cells = [
-                f"{scale * own[column].median():.4g}" if len(own) and column in own else ""
-                for _, column, scale in keys
-            ]
-            lines.append(f"| {entry.label} | {' | '.join(cells)} |")
-        lines += ["", f"({runs[runs['scenario'] == scenario]['world'].nunique()} worlds)", ""]
-    return "\n".join(lines)
-
-
-def found_covariances(store: Any, runs: pd.DataFrame) -> str:
-    """Range of Q, R and their ratio that the flies of paper 001 report, of which Table 5 prints one."""
-    lines = ["| scenario | solver | Q, lowest to highest | R | Q / R, quartiles |", "|---|---|---|---|---|"]
+def consistent(store: Any, runs: pd.DataFrame, solver: str) -> str:
+    """Per cent of answers whose NIS on other records lies in the 95 % band of one record, by scenario."""
+    shares = []
     for scenario in store.study.scenarios:
-        for solver in ("FOA", "IFOA", "IFOA, clipped", "PSO"):
-            own = of(runs, scenario, solver)
-            if not len(own):
-                continue
-            x = np.array([np.asarray(row, dtype=float) for row in own["x"]])
-            low, high = np.quantile(x[:, 0] / x[:, 1], [0.25, 0.75])
-            spans = " | ".join(f"{v.min():.3g} to {v.max():.3g}" for v in x.T)
-            lines.append(f"| {scenario} | {solver} | {spans} | {low:.3g} to {high:.3g} |")
-    return "\n".join(lines)
+        name, keywords = store.study.place(scenario)
+        world = navopt.simulate(name, seed=store.study.worlds[0], **keywords)
+        measured = int(np.isfinite(world.model.y).sum())
+        band = 1.96 * np.sqrt(2.0 / measured)  # of chi-square over its degrees of freedom
+        nis = run_scores(of(runs, scenario, solver), "held_out.nis_1")
+        shares.append(f"{100 * float((abs(nis - 1.0) < band).mean()):.0f}")
+    return ", ".join(shares)
 
 
-KEYS = {
-    "pushing-paper": (
-        ("mean square error, m²", "loss", 1.0),
-        ("RMS, mm", "score.position_rmse_m", 1e3),
-        ("RMS, other records", "held_out.position_rmse_m", 1e3),
-        ("error at the end, mm", "score.final_position_error_m", 1e3),
-        ("NIS", "score.nis_1", 1.0),
-        ("time, s", "elapsed_s", 1.0),
-    ),
-    "alignment-paper": (
-        ("eq. (36)", "loss", 1.0),
-        ("pitch, °", "score.pitch_error_rad", np.degrees(1.0)),
-        ("roll, °", "score.roll_error_rad", np.degrees(1.0)),
-        ("yaw, °", "score.yaw_error_rad", np.degrees(1.0)),
-        ("mean, °", "score.mean_angle_error_rad", np.degrees(1.0)),
-        ("mean, other noise", "held_out.mean_angle_error_rad", np.degrees(1.0)),
-        ("NIS", "score.nis_1", 1.0),
-        ("time, s", "elapsed_s", 1.0),
-    ),
+# -- tables of the page --------------------------------------------------------------------------------
+def pushing_paper(store: Any, runs: pd.DataFrame) -> str:
+    """Errors as Zhang et al. (2016) take them, printed ones in brackets, and what is found."""
+    printed = {(v.scenario, v.solver, v.score): v.value for v in store.study.printed}
+    columns = (
+        ("artificial signal", "loss", 1.0, ".4f"),
+        ("quieter", "loss", 1.0, ".4f"),
+        ("quieter", "held_out.position_rmse_m", 1e3, ".1f"),
+        ("quieter", "nis_1", 1.0, ".2f"),
+        ("stroke", "position_rmse_m", 1e3, ".1f"),
+        ("stroke", "final_position_error_m", 1e3, ".1f"),
+    )
+    rows = []
+    for solver in (entry.label for entry in store.study.solvers):
+        cells = [solver]
+        for k, (scenario, score, unit, digits) in enumerate(columns):
+            value = printed.get((scenario, solver, score)) if k else None  # as the next column has it
+            said = "" if value is None else f" ({unit * value:.3g})"
+            cells.append(f"{unit * median(runs, scenario, solver, score):{digits}}{said}")
+        x = np.array([row for row in of(runs, "quieter", solver)["x"] if len(row)], dtype=float)
+        ratio = np.quantile(x[:, 0] / x[:, 1], [0.25, 0.75])
+        for low, high in ((x[:, 0].min(), x[:, 0].max()), ratio):
+            cells.append(f"{low:.2g} to {high:.2g}")
+        rows.append(cells)
+    head = " | artificial signal, m² | quieter, m² | other records, mm | NIS | stroke, mm | at its end, mm "
+    return table(f"{head}| quieter: Q | Q/R, quartiles", rows)
+
+
+def alignment_paper(store: Any, runs: pd.DataFrame) -> str:
+    """Final errors of the three angles beside those of Table 3 of Wan et al. (2020)."""
+    printed = {(v.scenario, v.solver, v.score): v.value for v in store.study.printed}
+    scenarios = ("Table 3, five entries", "Table 3, one number")
+    angles = [f"{name}_error_rad" for name in ("pitch", "roll", "yaw")]
+    rows = []
+    for solver in (entry.label for entry in store.study.solvers):
+        said = [printed.get((scenarios[0], solver, angle)) for angle in angles]
+        rows.append(
+            [solver]
+            + [f"{median(runs, scenario, solver, a):.1e}" for scenario in scenarios for a in angles]
+            + ["" if value is None else f"{value:.2e}" for value in said]
+        )
+    head = "rad, median | pitch | roll | yaw | pitch, one number | roll | yaw | printed: pitch | roll | yaw"
+    return table(head, rows)
+
+
+def pushing_fair(store: Any, runs: pd.DataFrame) -> str:
+    """Errors on other records, who finds the minimum, and whose innovations are as expected."""
+    scenarios, rows = list(store.study.scenarios), []
+    for solver in (entry.label for entry in store.study.solvers):
+        errors = [1e3 * median(runs, s, solver, "held_out.position_rmse_m") for s in scenarios]
+        off = [gaps(runs, s, solver, relative=s.startswith("error")) for s in scenarios]
+        near = ", ".join(f"{100 * float((gap < NEAR).mean()):.0f}" for gap in off)
+        cells = [solver, f"{errors[0]:.1f}", f"{errors[1]:.1f}", f"{errors[2]:.2f}", near]
+        cells += [f"{np.median(off[1]):.1g}", consistent(store, runs, solver), seconds(runs, solver)]
+        rows.append((errors[1], cells))
+    head = f"mm, median on other records | {' | '.join(scenarios)} | % of runs near the minimum "
+    head += "| gap by the innovations, nats | % consistent | time"
+    return table(head, (cells for _, cells in sorted(rows, key=lambda row: row[0])))
+
+
+def alignment_fair(store: Any, runs: pd.DataFrame) -> str:
+    """Errors with other noise, and the distance from the best likelihood after five minutes."""
+    scenarios, rows = list(store.study.scenarios), []
+    for solver in (entry.label for entry in store.study.solvers):
+        errors = [median(runs, s, solver, "held_out.mean_angle_error_rad") for s in scenarios]
+        gap = np.median(gaps(runs, scenarios[-1], solver, relative=False))
+        degrees = [f"{value:.4f}" for value in np.degrees(errors)]
+        rows.append([solver, *degrees, f"{gap:.1g}", seconds(runs, solver)])
+    head = "degrees, median on other noise | 5 s, error | 5 s, innovations | 5 min, innovations "
+    return table(f"{head}| gap of the loss there, nats | time", rows)
+
+
+def noise_tuning(store: Any, runs: pd.DataFrame) -> str:
+    """Median and 95th percentile of the error relative to the best filter's, consistency and cost."""
+    study, rows = store.study, []
+    for solver in (entry.label for entry in study.solvers):
+        scores = [run_scores(of(runs, scenario, solver), study.rank_by) for scenario in study.scenarios]
+        nees = [median(runs, scenario, solver, "held_out.nees_1") for scenario in study.scenarios]
+        cells = [solver, *(f"{s.median():.3f}, {s.quantile(0.95):.3f}" for s in scores)]
+        cells += [consistent(store, runs, solver), ", ".join(format_number(n, digits=2) for n in nees)]
+        cells += [f"{runs[runs['solver'] == solver]['cost'].mean():.0f}", seconds(runs, solver)]
+        rows.append((scores[0].median(), cells))
+    head = f" | {' | '.join(study.scenarios)} | % consistent | NEES | filter runs | time"
+    return table(head, (cells for _, cells in sorted(rows, key=lambda row: row[0])))
+
+
+TABLES: dict[str, Callable[[Any, pd.DataFrame], str]] = {
+    "pushing-paper": pushing_paper,
+    "pushing-paper-fair": pushing_fair,
+    "alignment-paper": alignment_paper,
+    "alignment-paper-fair": alignment_fair,
+    "noise-tuning": noise_tuning,
 }
 
 
 def study_output(folder: str) -> None:
-    """Print the tables of one study and write its pictures."""
+    """Print the table of one study and write its pictures."""
     with ResultsStore(folder) as store:
-        name, runs = store.study.name, store.runs()
-        print(f"\n## {name}\n")
-        if name in KEYS:
-            print(paper_ranking(store, runs, KEYS[name]))
-            print(printed(store, runs))
-        if name == "pushing-paper":
-            print(found_covariances(store, runs))
-        if name == "noise-tuning":
-            print(ranking(store, runs))
-            print(overview(store, runs))
-        if name.endswith("-fair"):
-            unit, digits = (1e3, 2) if name.startswith("pushing") else (float(np.degrees(1.0)), 4)
-            print(ranking(store, runs, unit=unit, digits=digits))
-            print(gaps(store, runs))
-        for study, scenario, k, picture in PICTURES:
-            if study == name:
-                world = store.study.worlds[0]
-                save(picture, course_pictures(store, scenario=scenario, world=world)[k][0])
+        study, runs = store.study, complete(store)
+        print(f"\n{study.name}, {runs['world'].nunique()} of {len(study.worlds)} worlds\n")
+        print(TABLES[study.name](store, runs) + "\n")
+        for name, scenario, k, picture in PICTURES:
+            if name == study.name:
+                save(picture, course_pictures(store, scenario=scenario, world=study.worlds[0])[k][0])
 
 
 def main(arguments: Sequence[str]) -> None:
