@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -86,7 +88,11 @@ def pushing(tmp_path_factory):
     oracle = {"objective": "oracle", "encoding": "raw", "steps": 120}
     study = small(
         "pushing-paper",
-        **{"artificial signal": oracle, "stroke": {**oracle, "case": "stroke", "interval_s": 0.08}},
+        **{
+            "artificial signal": oracle,
+            "quieter": {**oracle, "process_variance": 0.4, "measurement_variance": 0.1},
+            "stroke": {**oracle, "case": "stroke", "interval_s": 0.08},
+        },
     )
     assert run_study(study, folder, workers=1).failed == 0
     with ResultsStore(folder) as opened:
@@ -202,3 +208,63 @@ def test_ranking_by_twins_needs_twins():
 def test_a_twin_score_that_does_not_exist_is_refused(tmp_path):
     with pytest.raises(UnknownName, match="held_out"):
         run_study(tiny(rank_by="held_out.position_error_m"), tmp_path, workers=1)
+
+
+@pytest.fixture(scope="module")
+def page():
+    """The script of the page, which is no module of a package."""
+    path = Path(__file__).parents[1] / "docs" / "noise_tuning_compared.py"
+    described = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(described)
+    described.loader.exec_module(module)
+    return module
+
+
+def cells(table):
+    """Cells of a table of the page by the first one of each row, and its head."""
+    lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()]
+    assert len({len(line) for line in lines}) == 1
+    return {line[0]: line[1:] for line in lines[2:]}, lines[0][1:]
+
+
+def test_the_table_of_the_pushing_paper_has_medians_and_printed_values(page, pushing):
+    runs = page.complete(pushing)
+    rows, head = cells(page.pushing_paper(pushing, runs))
+    assert list(rows) == [entry.label for entry in pushing.study.solvers]
+    own = runs[(runs.scenario == "quieter") & (runs.solver == "FOA")]
+    assert rows["FOA"][1] == f"{np.mean(own['loss']):.4f} (0.0229)"  # of two, the mean is the median
+    assert rows["PSO"][1].endswith("(0.397)")
+    own = runs[(runs.scenario == "stroke") & (runs.solver == "PSO")]
+    assert rows["PSO"][5] == f"{1e3 * np.mean(own['score.final_position_error_m']):.1f}"
+    assert rows["Q = R = 1"][-2:] == ["1 to 1", "1 to 1"]
+    assert head[-1] == "Q/R, quartiles"
+
+
+def test_a_world_that_is_not_finished_is_left_out(page, tmp_path):
+    assert run_study(tiny(), tmp_path, workers=1).failed == 0
+    with ResultsStore(tmp_path) as store:
+        assert set(page.complete(store).world) == {0, 1}
+        short = store.runs().query("not (world == 1 and solver == 'nominal')")
+
+        class Unfinished:
+            study = store.study
+
+            @staticmethod
+            def runs():
+                return short
+
+        assert set(page.complete(Unfinished).world) == {0}
+        rows, _ = cells(page.noise_tuning(store, page.complete(store)))
+        ratio = store.runs().query("solver == 'nominal'")["held_out.state_rmse_ratio_1"]
+    high = min(ratio) + 0.95 * np.ptp(ratio)
+    assert rows["nominal"][0] == f"{np.mean(ratio):.3f}, {high:.3f}"
+    assert rows["nominal"][-2] == "1"  # one run of the filter
+
+
+def test_gaps_are_from_the_best_of_each_world(page, pushing):
+    runs = page.complete(pushing)
+    found = [page.gaps(runs, "quieter", entry.label, relative=True) for entry in pushing.study.solvers]
+    np.testing.assert_array_equal(np.min(found, axis=0), 0.0)
+    nominal = runs[(runs.scenario == "quieter") & (runs.solver == "Q = R = 1")]["loss"].to_numpy()
+    least = runs[runs.scenario == "quieter"].groupby("world")["loss"].min().to_numpy()
+    np.testing.assert_allclose(found[-1], nominal / least - 1.0)
