@@ -190,6 +190,17 @@ def test_losses_do_not_depend_on_company_and_worlds_repeat() -> None:
     assert twin.loss(X).tolist() != together.tolist()
 
 
+def test_twins_have_other_noise_or_are_other_worlds() -> None:
+    problem = HeadingAlignment.simulate(6, **QUICK, redraws="world")
+    twin = problem.redraw(3)
+    biases = slice(-5, None)
+    assert (twin.truth.states[0, biases] != problem.truth.states[0, biases]).all()
+    alone = HeadingAlignment.simulate(3, **QUICK)
+    assert twin.loss(twin.nominal) == alone.loss(alone.nominal)
+    with pytest.raises(UnknownName, match="redraws"):
+        HeadingAlignment.simulate(6, redraws="sensors")
+
+
 # -- settings and vectors --------------------------------------------------------------------------------
 def test_vectors_and_settings_go_back_and_forth() -> None:
     problem = HeadingAlignment.simulate(

@@ -153,7 +153,7 @@ class HeadingAlignment(EstimationProblem):
         x.setflags(write=False)
         return x
 
-    # -- the filter ------------------------------------------------------------------------------------------
+    # -- the filter ---------------------------------------------------------------------------------------
     def inputs(self, velocities: str = "clock") -> Any:
         """Return what a filter gets.
 
@@ -241,8 +241,7 @@ class HeadingAlignment(EstimationProblem):
         pitch, roll, yaw = (float(angle) for angle in attitude_angles(attitude))
         return AlignedAttitude(phi, run.covariances[-1, ANGLES, ANGLES].copy(), attitude, pitch, roll, yaw)
 
-    # -- the objective
-    # -----------------------------------------------------------------------------------------
+    # -- the objective ------------------------------------------------------------------------------------
     def estimate(self, x: np.ndarray) -> HeadingSettings:
         """Settings that a decision vector stands for."""
         return settings_at(self.settings, self.tuned, np.asarray(x, dtype=float))
@@ -309,8 +308,7 @@ class HeadingAlignment(EstimationProblem):
             azimuth_within=float(self.azimuth_within), horizontal_within=float(self.horizontal_within),
         )  # fmt: skip
 
-    # -- recordings
-    # --------------------------------------------------------------------------------------------
+    # -- recordings ---------------------------------------------------------------------------------------
     @classmethod
     def from_arrays(
         cls,
@@ -355,8 +353,7 @@ heading_bias_sigma, every, attitude, prior_sigma
         )  # fmt: skip
         return cls(record, **options)
 
-    # -- worlds
-    # ------------------------------------------------------------------------------------------------
+    # -- worlds -------------------------------------------------------------------------------------------
     @classmethod
     def simulate(cls, seed: int = 0, **scenario: Any) -> HeadingAlignment:
         """Draw one world.
@@ -368,8 +365,9 @@ heading_bias_sigma, every, attitude, prior_sigma
         **scenario
             Fields of `navopt.models.heading_alignment.HeadingScenario`; `variant`, `formulation`, `settings`,
             `tuned`, `objective`, `box`, `azimuth_within_deg` and `horizontal_within_deg` of the class; and
-            `noise_seed`, for another draw of all noise of the same world. A `rate_hz` below that of the
-            sensors thins the filter's steps: integration is still at the full rate.
+            `noise_seed`, for another draw of all noise of the same world; and `redraws`, what `redraw` draws
+            anew, ``"noise"`` or the whole ``"world"`` with its biases and start. A `rate_hz` below that of
+            the sensors thins the filter's steps: integration is still at the full rate.
 
         Returns
         -------
@@ -378,9 +376,14 @@ heading_bias_sigma, every, attitude, prior_sigma
         return simulated_world(cls, seed, scenario)
 
     def redraw(self, seed: int) -> EstimationProblem:
-        """Return the same system with the same biases and start, and other noise."""
+        """Return the same system with the same biases and start and other noise, or another one.
+
+        The keyword `redraws` of `simulate` says which.
+        """
         if self._world is None:
             return super().redraw(seed)
+        if self._world.get("redraws") == "world":
+            return type(self).simulate(**{**self._world, "seed": seed})
         return type(self).simulate(noise_seed=seed, **self._world)
 
 

@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from navopt.algorithms.options import one_of
 from navopt.errors import UnknownName
 from navopt.models.heading_alignment import HeadingScenario, simulate_heading_record
 from navopt.problems.heading_settings import HeadingTruth
 
 __all__ = ["name_keywords", "simulated_world"]
 
+#: What a twin for scoring has anew: the noise, or everything.
+REDRAWS = ("noise", "world")
 #: Keywords of the world, with their defaults.
 SCENARIO = {f.name: f.default for f in fields(HeadingScenario) if f.default is not MISSING}
 
@@ -27,10 +30,11 @@ def _options(cls: Any) -> dict[str, Any]:
 def simulated_world(cls: Any, seed: int, scenario: dict[str, Any]) -> Any:
     """Draw one world; see `HeadingAlignment.simulate`."""
     options = _options(cls)
-    known = (*SCENARIO, *options, "noise_seed")
+    known = (*SCENARIO, *options, "noise_seed", "redraws")
     for name in scenario:
         if name not in known:
             raise UnknownName("scenario", name, known)
+    one_of("redraws", scenario.get("redraws", REDRAWS[0]), REDRAWS)
     world = HeadingScenario(**{k: v for k, v in scenario.items() if k in SCENARIO})
     record = simulate_heading_record(world, seed, scenario.get("noise_seed"))
     truth = HeadingTruth(
@@ -49,7 +53,7 @@ def simulated_world(cls: Any, seed: int, scenario: dict[str, Any]) -> Any:
 def name_keywords(cls: Any) -> None:
     """Name every keyword in the signature of `simulate`, which the registry and the documentation read."""
     kinds = inspect.Parameter
-    named = {**SCENARIO, **_options(cls), "noise_seed": None}
+    named = {**SCENARIO, **_options(cls), "noise_seed": None, "redraws": REDRAWS[0]}
     cls.simulate.__func__.__signature__ = inspect.Signature(
         [kinds("cls", kinds.POSITIONAL_OR_KEYWORD), kinds("seed", kinds.POSITIONAL_OR_KEYWORD, default=0)]
         + [kinds(name, kinds.KEYWORD_ONLY, default=default) for name, default in named.items()]
