@@ -235,7 +235,7 @@ def tuned(store: ResultsStore, runs: pd.DataFrame) -> str:
         if not len(here):
             continue
         lines += [
-            f"| {scenario} | loss | azimuth RMS, other noise, ° | NEES | NEES of the angles | NIS | found |",
+            f"| {scenario} | loss | azimuth RMS, other worlds, ° | NEES | NEES of the angles | NIS | found |",
             "|---" * 7 + "|",
         ]
         for entry in store.study.solvers:
