@@ -28,7 +28,7 @@ from navopt.problems.heading_worlds import name_keywords, simulated_world
 from navopt.problems.static_alignment import AlignedAttitude
 from navopt.registry import problem
 
-__all__ = ["OBJECTIVES", "HeadingAlignment", "HeadingTruth"]
+__all__ = ["OBJECTIVES", "HeadingAlignment"]
 
 OBJECTIVES = ("innovations", "oracle")
 #: Beginnings of the names of parameters that are noises.
