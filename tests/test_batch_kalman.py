@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 
 import numpy as np
@@ -204,6 +206,33 @@ def test_a_candidate_has_the_same_bits_in_any_company(n, m) -> None:
         assert np.array_equal(kalman.mean_square_error(Q[k], R[k], truth)[0], squares[k])
 
 
+@pytest.mark.parametrize("gaps", [(), (150, 151, 330)])
+@pytest.mark.parametrize(("n", "m"), [(2, 1), (6, 2)])
+def test_a_candidate_whose_covariance_settles_has_the_same_bits_in_any_company(n, m, gaps) -> None:
+    # candidates settle at very different times, and missing data unsettle them
+    model, Q, R = system(3, n=n, m=m, g=n, steps=600)
+    y = model.y.copy()
+    y[list(gaps), 0] = np.nan
+    model, rng = model.replaced(y=y), np.random.default_rng(1)
+    Qs = 10.0 ** rng.uniform(-7.0, 1.0, (150, 1, 1)) * Q
+    Rs = np.repeat(R[None], 150, axis=0)
+    Rs[::2] *= np.eye(m)
+    kalman, truth = BatchKalman(model), rng.normal(size=(600, n))
+    logs, squares = kalman.log_likelihood(Qs, Rs), kalman.mean_square_error(Qs, Rs, truth)
+    # what is kept is computed step by step, without waiting for anything to settle
+    run = kalman.run(Qs, Rs)
+    assert np.array_equal(run.log_likelihood, logs)
+    assert np.allclose(np.mean((run.estimates - truth) ** 2, axis=1), squares, rtol=1e-12)
+    order = rng.permutation(150)
+    assert np.array_equal(kalman.log_likelihood(Qs[order], Rs[order]), logs[order])
+    for k in range(0, 150, 11):
+        assert kalman.log_likelihood(Qs[k], Rs[k])[0] == logs[k]
+        assert np.array_equal(kalman.mean_square_error(Qs[k], Rs[k], truth)[0], squares[k])
+    # a covariance of its own for every step is never held: the difference is what holding costs
+    each = [np.repeat(a[:3, None], 600, axis=1) for a in (Qs, Rs)]
+    assert np.allclose(kalman.log_likelihood(*each), logs[:3], rtol=1e-11)
+
+
 def test_mean_square_error_is_that_of_the_estimates() -> None:
     model, Q, R = system(4, steps=30)
     truth = np.random.default_rng(1).normal(size=(30, 3))
@@ -376,6 +405,17 @@ def test_options_are_checked() -> None:
         BatchKalman(model, measurements=np.zeros((3, 5, 2)))
     with pytest.raises(InvalidInput, match="truth: got shape"):
         BatchKalman(model).mean_square_error(Q, R, np.zeros((3, 3)))
+
+
+def test_one_filter_in_two_threads_and_in_another_copy() -> None:
+    model, Q, R = system(4, steps=300)
+    kalman, factors = BatchKalman(model), np.linspace(0.1, 9.0, 40)[:, None, None]
+    logs = kalman.log_likelihood(factors * Q, R)
+    with ThreadPoolExecutor(2) as pool:
+        for found in pool.map(lambda _: kalman.log_likelihood(factors * Q, R), range(40)):
+            assert np.array_equal(found, logs)
+    again = pickle.loads(pickle.dumps(kalman))
+    assert np.array_equal(again.log_likelihood(factors * Q, R), logs)
 
 
 def test_many_channels_and_blocks() -> None:

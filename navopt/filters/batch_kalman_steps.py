@@ -1,7 +1,7 @@
-"""Steps of the compiled filter, each for eight candidates: products, measurements, predictions, settling.
+"""Parts of the compiled filter, each for eight candidates: channels, settling, and what goes in and out.
 
-All work on rows of a workspace given by its address, see `navopt.filters.lanes`. The argument names are those
-of `navopt.filters.batch_kalman_kernels.filter_lanes`; n states, m channels.
+All work on rows of a workspace given by its address, see `navopt.filters.lanes` and, for the rows,
+`navopt.filters.batch_kalman_program.Layout`; n states, m channels.
 """
 
 from __future__ import annotations
@@ -10,13 +10,18 @@ import math
 
 from numba import njit
 
+from navopt.filters import batch_kalman_task as at
+from navopt.filters.batch_kalman_program import Layout
 from navopt.filters.lanes import (
     LANES,
     add,
     choose,
+    count_set,
     div,
     exponent,
+    first_bad,
     if_close,
+    keep_small,
     load,
     mantissa,
     mul,
@@ -25,310 +30,300 @@ from navopt.filters.lanes import (
     peek,
     peek_index,
     poke,
+    poke_index,
     splat,
     store,
     sub,
 )
 
 __all__ = [
-    "correct",
-    "dot",
-    "dots",
-    "gather",
+    "FRESH",
+    "MOVING",
+    "RESTING",
+    "add_drive",
+    "add_errors",
+    "begin_block",
+    "coast",
+    "fetch",
+    "finish",
+    "gather_settled",
+    "hand_over",
     "hold",
-    "innovate",
-    "innovation",
-    "joseph",
-    "keep_innovations",
-    "keep_rows",
-    "measure",
-    "move",
-    "multiply",
-    "orthogonalise",
-    "predict",
-    "process_noise",
-    "reduce",
-    "renew",
+    "keep",
+    "leave_out",
+    "share",
     "watch",
 ]
 
 #: A covariance that changes by less than this part of itself over a few steps has settled.
 SETTLED = 1e-14
+#: A block whose covariances move; one that has just settled; one of which only the states move.
+MOVING, FRESH, RESTING = range(3)
+LN_2 = math.log(2.0)
+PRODUCT, POWER, CHI, FAIL, SETTLED_LANES, PADDING, ONE = (
+    Layout.PRODUCT, Layout.POWER, Layout.CHI, Layout.FAIL, Layout.SETTLED, Layout.PADDING, Layout.ONE
+)  # fmt: skip
 
 # helpers are never called from Python, and their wrappers would take as long to compile as they do
-_helper = njit(cache=True, nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+_helper = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 @_helper
-def dot(total, ws, first, stride, columns, values, row, count):
-    """Total plus the sum of ``values[row, c]`` times workspace rows ``first + columns[row, c] * stride``."""
-    for c in range(count):
-        k = row + c
-        total = muladd(splat(peek(values, k)), load(ws, first + peek_index(columns, k) * stride), total)
-    return total
+def finish(task, base, k, w, y, step):
+    """Use channel k, all of whose sums are there: its part of the likelihood and its gains.
 
-
-@_helper
-def dots(ws, to, step, start, start_step, first, first_step, stride, columns, values, row, count, number):
-    """As many `_dot` as `number`, four at a time; each begins at ``start`` and goes ``to``."""
-    for _ in range(number // 4):
-        a, b = load(ws, start), load(ws, start + start_step)
-        c, d = load(ws, start + 2 * start_step), load(ws, start + 3 * start_step)
-        for i in range(row, row + count):
-            factor, k = splat(peek(values, i)), first + peek_index(columns, i) * stride
-            a = muladd(factor, load(ws, k), a)
-            b = muladd(factor, load(ws, k + first_step), b)
-            c = muladd(factor, load(ws, k + 2 * first_step), c)
-            d = muladd(factor, load(ws, k + 3 * first_step), d)
-        store(ws, to, a)
-        store(ws, to + step, b)
-        store(ws, to + 2 * step, c)
-        store(ws, to + 3 * step, d)
-        to, start, first = to + 4 * step, start + 4 * start_step, first + 4 * first_step
-    if number & 2:
-        a, b = load(ws, start), load(ws, start + start_step)
-        for i in range(row, row + count):
-            factor, k = splat(peek(values, i)), first + peek_index(columns, i) * stride
-            a = muladd(factor, load(ws, k), a)
-            b = muladd(factor, load(ws, k + first_step), b)
-        store(ws, to, a)
-        store(ws, to + step, b)
-        to, start, first = to + 2 * step, start + 2 * start_step, first + 2 * first_step
-    if number & 1:
-        store(ws, to, dot(load(ws, start), ws, first, stride, columns, values, row, count))
-
-
-@_helper
-def correct(ws, n, x, w, variance, innovation):
-    """One scalar measurement: ``x += w e / s``, w in rows from `w` on; returns ``e² / s``."""
-    scaled = mul(innovation, div(splat(1.0), variance))
-    for i in range(n):
-        store(ws, x + i, muladd(load(ws, w + i), scaled, load(ws, x + i)))
-    return mul(innovation, scaled)
-
-
-@_helper
-def reduce(ws, n, P, w, variance):
-    """The same for the covariance: ``P -= w wᵀ / s``."""
-    inverse = div(splat(1.0), variance)
-    for i in range(n):
-        gain = mul(load(ws, w + i), inverse)
-        for j in range(i + 1):
-            value = mulsub(gain, load(ws, w + j), load(ws, P + i * n + j))
-            store(ws, P + i * n + j, value)
-            store(ws, P + j * n + i, value)
-
-
-@_helper
-def gather(matrix, rows, n, columns, counts, values):
-    """Non-zero entries of a matrix with n columns into the front of each row of `values`."""
-    for i in range(rows):
-        for c in range(peek_index(counts, i)):
-            poke(values, i * n + c, peek(matrix, i * n + peek_index(columns, i * n + c)))
-
-
-@_helper
-def process_noise(ws, n, g, G, Q, first, W, GQ):
-    """``W = G Q Gᵀ``, Q in rows of the memory at `Q` from `first` on."""
-    for i in range(n):
-        for k in range(g):
-            total = splat(0.0)
-            for j in range(g):
-                total = muladd(splat(peek(G, i * g + j)), load(Q, first + j * g + k), total)
-            store(ws, GQ + i * g + k, total)
-    for i in range(n):
-        for j in range(i + 1):
-            total = splat(0.0)
-            for k in range(g):
-                total = muladd(splat(peek(G, j * g + k)), load(ws, GQ + i * g + k), total)
-            store(ws, W + i * n + j, total)
-            store(ws, W + j * n + i, total)
-
-
-@_helper
-def innovate(ws, n, m, count, rows, y, t, R, first, P, x, w, S, e, columns, values, counts, zero):
-    """Innovations e, their covariance S (lower triangle) and ``w = P Hᵀ`` of the channels measured."""
-    for k in range(count):
-        j = peek_index(rows, k)
-        row, number = j * n, peek_index(counts, j)
-        dots(ws, w + k * n, 1, zero, 0, P, 1, n, columns, values, row, number, n)
-        store(
-            ws,
-            e + k,
-            sub(splat(peek(y, t * m + j)), dot(load(ws, zero), ws, x, 1, columns, values, row, number)),
-        )
-        for i in range(k + 1):
-            noise = load(R, first + j * m + peek_index(rows, i))
-            store(ws, S + k * m + i, dot(noise, ws, w + i * n, 1, columns, values, row, number))
-
-
-@_helper
-def orthogonalise(ws, n, m, count, w, S, L, e):
-    """``S = L D Lᵀ``, D left on the diagonal of S; innovations and w become those of independent channels."""
-    for j in range(count):
-        last = load(ws, S + j * m + j)
-        for k in range(j):
-            product = load(ws, S + j * m + k)
-            for i in range(k):
-                product = mulsub(load(ws, L + k * m + i), load(ws, S + j * m + i), product)
-            factor = div(product, load(ws, S + k * m + k))
-            store(ws, S + j * m + k, product)
-            store(ws, L + j * m + k, factor)
-            last = mulsub(factor, product, last)
-            store(ws, e + j, mulsub(factor, load(ws, e + k), load(ws, e + j)))
-            for i in range(n):
-                value = mulsub(factor, load(ws, w + k * n + i), load(ws, w + j * n + i))
-                store(ws, w + j * n + i, value)
-        store(ws, S + j * m + j, last)
-
-
-@_helper
-def multiply(ws, variance, product, power):
-    """Multiply into a product of variances that is kept as a number between 1 and 2 and a power of two.
-
-    A logarithm at each step would cost more than all the rest of a small filter.
+    With a negative step the gains are known from before.
     """
-    total = mul(load(ws, product), variance)
-    store(ws, product, mantissa(total))
-    store(ws, power, add(load(ws, power), exponent(total)))
+    keep_small()
+    n = peek_index(task, at.N)
+    inverse = peek_index(task, at.INVERSE) + k
+    error = sub(load(base, w + n), splat(y))
+    store(base, w + n, error)
+    variance = load(base, peek_index(task, at.VARIANCE) + k)
+    if step >= 0.0:
+        negative = div(splat(-1.0), variance)
+        store(base, inverse, negative)
+        store(base, FAIL, first_bad(load(base, FAIL), variance, step))
+        gain = peek_index(task, at.GAIN) + k * n
+        for i in range(n):
+            store(base, gain + i, mul(load(base, w + i), negative))
+    scaled = mul(error, load(base, inverse))
+    store(base, CHI, mulsub(error, scaled, load(base, CHI)))
+    # the product of variances as a number between 1 and 2 and a power of two: a logarithm at each step would
+    # cost more than all the rest of a small filter
+    product = mul(load(base, PRODUCT), variance)
+    store(base, PRODUCT, mantissa(product))
+    store(base, POWER, add(load(base, POWER), exponent(product)))
 
 
 @_helper
-def joseph(ws, n, m, count, rows, H, R, first, P, Pw, gains, factors, A, T):
-    """``P = (I - K H) Pw (I - K H)ᵀ + K R Kᵀ`` from the orthogonal gains w/d and the factors L.
-
-    `Pw` holds the prior covariance, rows of R begin at `first`; n × n blocks for rent begin at A and T.
-    """
-    for back in range(count):
-        j = count - 1 - back
-        for k in range(j + 1, count):
-            factor = load(ws, factors + k * m + j)
-            for i in range(n):
-                value = mulsub(factor, load(ws, gains + k * n + i), load(ws, gains + j * n + i))
-                store(ws, gains + j * n + i, value)
+def leave_out(task, base, k, w):
+    """Make the sums of later channels and of the covariance free of channel k, which is missing."""
+    keep_small()
+    n, m = peek_index(task, at.N), peek_index(task, at.M)
+    store(base, w + n, splat(0.0))
+    store(base, peek_index(task, at.INVERSE) + k, splat(0.0))
     for i in range(n):
-        for c in range(n):
-            total = splat(1.0 if i == c else 0.0)
-            for j in range(count):
-                total = mulsub(
-                    load(ws, gains + j * n + i), splat(peek(H, peek_index(rows, j) * n + c)), total
-                )
-            store(ws, A + i * n + c, total)
-    for i in range(n):
-        for c in range(n):
-            total = splat(0.0)
-            for k in range(n):
-                total = muladd(load(ws, A + i * n + k), load(ws, Pw + k * n + c), total)
-            store(ws, T + i * n + c, total)
-    for i in range(n):
-        for c in range(i + 1):
-            total = splat(0.0)
-            for k in range(n):
-                total = muladd(load(ws, T + i * n + k), load(ws, A + c * n + k), total)
-            for j in range(count):
-                for k in range(count):
-                    noise = mul(
-                        load(ws, gains + j * n + i),
-                        load(R, first + peek_index(rows, j) * m + peek_index(rows, k)),
-                    )
-                    total = muladd(noise, load(ws, gains + k * n + c), total)
-            store(ws, P + i * n + c, total)
-            store(ws, P + c * n + i, total)
+        store(base, peek_index(task, at.GAIN) + k * n + i, splat(0.0))
+    for i in range(m):
+        store(base, peek_index(task, at.FACTOR) + k * m + i, splat(0.0))
 
 
 @_helper
-def hold(ws, n, P, held, settled):
+def add_drive(task, base, drive):
+    """The next state: what the transition made of it, at the end of A, and what the known input adds."""
+    keep_small()
+    n, P, A = peek_index(task, at.N), peek_index(task, at.P), peek_index(task, at.A)
+    last = n * (n + 1)
+    for i in range(n):
+        value = add(load(base, A + last + i), splat(peek(drive, i)))
+        store(base, P + last + i, value)
+        store(base, P + i * (n + 1) + n, value)
+
+
+@_helper
+def add_errors(task, base, truth):
+    """Squares of the errors of the state."""
+    keep_small()
+    n, squares = peek_index(task, at.N), peek_index(task, at.SQUARES)
+    x = peek_index(task, at.P) + n * (n + 1)
+    for i in range(n):
+        error = sub(load(base, x + i), splat(peek(truth, i)))
+        store(base, squares + i, muladd(error, error, load(base, squares + i)))
+
+
+@_helper
+def coast(task, base, y, drive, t):
+    """Step t of a block whose covariance has settled: innovations, state and, if not the last, prediction."""
+    keep_small()
+    n, m, shared = peek_index(task, at.N), peek_index(task, at.M), peek_index(task, at.SHARED)
+    x, A = peek_index(task, at.P) + n * (n + 1), peek_index(task, at.A) + n * (n + 1)
+    columns, number = peek_index(task, at.H_COLUMNS), peek_index(task, at.SOURCES + 1)
+    factor, gain, first = peek_index(task, at.FACTOR), peek_index(task, at.GAIN), peek_index(task, at.W)
+    w = first
+    for k in range(m):
+        total = splat(0.0)
+        for c in range(1, peek_index(columns, 0) + 1):
+            total = muladd(load(shared, number), load(base, x + peek_index(columns, c)), total)
+            number += 1
+        columns += 8 * (peek_index(columns, 0) + 1)
+        for i in range(k):
+            total = muladd(load(base, factor + k * m + i), load(base, first + i * (n + 1) + n), total)
+        store(base, w + n, total)
+        finish(task, base, k, w, peek(y, k), -1.0)
+        w += n + 1
+    for i in range(n):
+        total = load(base, x + i)
+        for k in range(m):
+            total = muladd(load(base, first + k * (n + 1) + n), load(base, gain + k * n + i), total)
+        store(base, x + i, total)
+    if peek_index(task, at.TRUTH):
+        add_errors(task, base, peek_index(task, at.TRUTH) + 8 * t * n)
+    if t == peek_index(task, at.T) - 1:
+        return
+    columns, number = peek_index(task, at.F_COLUMNS), 0
+    for i in range(n):
+        total = splat(0.0)
+        for c in range(1, peek_index(columns, 0) + 1):
+            total = muladd(load(shared, number), load(base, x + peek_index(columns, c)), total)
+            number += 1
+        columns += 8 * (peek_index(columns, 0) + 1)
+        store(base, A + i, total)
+    add_drive(task, base, drive)
+
+
+@_helper
+def hold(task, base):
     """Put the covariance of settled lanes back to what it was when it settled."""
-    for i in range(n * n):
-        store(ws, P + i, choose(load(ws, settled), load(ws, held + i), load(ws, P + i)))
+    keep_small()
+    n, P, held = peek_index(task, at.N), peek_index(task, at.P), peek_index(task, at.HELD)
+    settled = load(base, SETTLED_LANES)
+    if count_set(settled) == count_set(load(base, PADDING)):
+        return
+    for i in range(n):
+        for k in range(i * (n + 1), i * (n + 1) + n):
+            store(base, P + k, choose(settled, load(base, held + k), load(base, P + k)))
 
 
 @_helper
-def watch(ws, n, P, held, settled, compare):
+def watch(task, base, compare):
     """See which lanes have not changed since the last time, if there was one, and remember all."""
-    if compare:
+    keep_small()
+    n, P, held = peek_index(task, at.N), peek_index(task, at.P), peek_index(task, at.HELD)
+    wide = n + 1
+    if compare > 0:
         mask = splat(1.0)
         for i in range(n):
             for j in range(i + 1):
-                size = mul(load(ws, P + i * n + i), load(ws, P + j * n + j))
-                change = sub(load(ws, P + i * n + j), load(ws, held + i * n + j))
+                size = mul(load(base, P + i * wide + i), load(base, P + j * wide + j))
+                change = sub(load(base, P + i * wide + j), load(base, held + i * wide + j))
                 mask = if_close(mask, change, mul(size, splat(SETTLED * SETTLED)))
-        store(ws, settled, mask)
-    for i in range(n * n):
-        store(ws, held + i, load(ws, P + i))
+        store(base, SETTLED_LANES, choose(load(base, PADDING), splat(1.0), mask))
+    for i in range(n * wide):
+        store(base, held + i, load(base, P + i))
 
 
 @_helper
-def move(ws, n, x, moved, drive, columns, values, counts):
-    """``x = F x + drive``."""
+def gather_settled(task, moving, number, states, order):
+    """Put lanes that have settled together at the end, if that leaves a block that need not move any more."""
+    keep_small()
+    workspace, rows = peek_index(task, at.WORKSPACE), peek_index(task, at.ROWS)
+    settled, unsettled, front, back = 8 * LANES * SETTLED_LANES, 0, 0, LANES * number - 1
+    for b in range(number):
+        unsettled += LANES - count_set(load(peek_index(moving, b), SETTLED_LANES))
+    first = (unsettled + LANES - 1) // LANES
+    while first < number:
+        here = peek_index(moving, front // LANES) + 8 * (front % LANES)
+        there = peek_index(moving, back // LANES) + 8 * (back % LANES)
+        if front >= back:
+            break
+        if peek(here + settled, 0) == 0.0:
+            front += 1
+        elif peek(there + settled, 0) != 0.0:
+            back -= 1
+        else:
+            for i in range(rows):
+                value = peek(here, i * LANES)
+                poke(here, i * LANES, peek(there, i * LANES))
+                poke(there, i * LANES, value)
+            # whose lanes they are
+            one = (here - workspace) // (8 * LANES * rows) * LANES + front % LANES
+            other = (there - workspace) // (8 * LANES * rows) * LANES + back % LANES
+            candidate = peek_index(order, one)
+            poke_index(order, one, peek_index(order, other))
+            poke_index(order, other, candidate)
+    for b in range(first, number):
+        poke_index(states, (peek_index(moving, b) - workspace) // (8 * LANES * rows), FRESH)
+
+
+@_helper
+def fetch(task, order, base, t):
+    """Put the symmetric parts of a block's candidates into its lanes, as far as they are new."""
+    keep_small()
+    entry, last = task + 8 * at.CANDIDATES, peek_index(task, at.K) - 1
+    for _ in range(peek_index(task, at.CANDIDATES_USED)):
+        source, between, steps = peek_index(entry, 0), peek_index(entry, 1), peek_index(entry, 2)
+        width, to, stride = peek_index(entry, 3), peek_index(entry, 4), peek_index(entry, 5)
+        entry += 8 * at.CANDIDATE
+        if t > 0 and steps == 1:
+            continue
+        for l in range(peek_index(task, at.LANES_USED)):
+            k = peek_index(order, l)
+            matrix = source + (k if k < last else last) * between + 8 * t * width * width
+            for i in range(width):
+                for j in range(width):
+                    value = 0.5 * (peek(matrix, i * width + j) + peek(matrix, j * width + i))
+                    poke(base, (to + i * stride + j) * LANES + l, value)
+
+
+@_helper
+def share(task, t):
+    """Put the entries of the matrices of the model into the rows that all blocks share."""
+    keep_small()
+    shared, source = peek_index(task, at.SHARED), task + 8 * at.SOURCES
+    for _ in range(peek_index(task, at.MATRICES_USED)):
+        first, number, step = peek_index(source, 0), peek_index(source, 1), peek_index(source, 2)
+        if t == 0 or step > 0:
+            for i in range(number):
+                store(shared, i, splat(peek(first + t * step, i)))
+        shared += 8 * LANES * number
+        source += 24
+
+
+@_helper
+def begin_block(task, base, order):
+    """First state and covariance of a block; all else is zero."""
+    keep_small()
+    n, P, K = peek_index(task, at.N), peek_index(task, at.P), peek_index(task, at.K)
+    wide = n + 1
+    # also what a missing channel would leave: not a number times zero is none
+    for i in range(peek_index(task, at.ROWS)):
+        store(base, i, splat(0.0))
+    store(base, PRODUCT, splat(1.0))
+    store(base, ONE, splat(1.0))
+    store(base, FAIL, splat(float(peek_index(task, at.T))))
     for i in range(n):
-        row, number = i * n, peek_index(counts, i)
-        store(ws, moved + i, dot(splat(peek(drive, i)), ws, x, 1, columns, values, row, number))
-    for i in range(n):
-        store(ws, x + i, load(ws, moved + i))
+        value = splat(peek(peek_index(task, at.X0), i))
+        store(base, P + i * wide + n, value)
+        store(base, P + n * wide + i, value)
+    for l in range(peek_index(task, at.LANES_USED)):
+        if peek_index(order, l) >= K:
+            poke(base, PADDING * LANES + l, 1.0)
 
 
 @_helper
-def keep_rows(ws, row, count, out, T, lane, used, t):
-    """Copy workspace rows into ``out[lane + l, t, :]`` of an array (K, T, count)."""
-    for l in range(used):
-        at = ((lane + l) * T + t) * count
-        for k in range(count):
-            poke(out, at + k, peek(ws, (row + k) * LANES + l))
+def hand_over(task, base, order):
+    """Results of a block's candidates."""
+    keep_small()
+    n, K, squares = peek_index(task, at.N), peek_index(task, at.K), peek_index(task, at.SQUARES)
+    for l in range(peek_index(task, at.LANES_USED)):
+        k, lane = peek_index(order, l), base + 8 * l
+        if k >= K:
+            continue
+        logarithm = math.log(peek(lane, PRODUCT * LANES)) + LN_2 * peek(lane, POWER * LANES)
+        total, fail = -0.5 * (logarithm + peek(lane, CHI * LANES)), peek(lane, FAIL * LANES)
+        poke(peek_index(task, at.LOGS), k, total)
+        poke(peek_index(task, at.FAILED), k, fail)
+        if fail < peek_index(task, at.T) or not math.isfinite(total):
+            poke_index(task, at.FAILURES, peek_index(task, at.FAILURES) + 1)
+        for i in range(n):
+            poke(peek_index(task, at.ERRORS), k * n + i, peek(lane, (squares + i) * LANES))
 
 
 @_helper
-def keep_innovations(ws, m, count, rows, e, S, innovations, covariances, T, lane, used, t):
-    """Copy innovations and their covariance, NaN for channels without a measurement."""
-    for l in range(used):
-        at = (lane + l) * T + t
-        for j in range(m):
-            poke(innovations, at * m + j, math.nan)
-            for k in range(m):
-                poke(covariances, (at * m + j) * m + k, math.nan)
-        for j in range(count):
-            a = peek_index(rows, j)
-            poke(innovations, at * m + a, peek(ws, (e + j) * LANES + l))
-            for k in range(j + 1):
-                b, value = peek_index(rows, k), peek(ws, (S + j * m + k) * LANES + l)
-                poke(covariances, (at * m + a) * m + b, value)
-                poke(covariances, (at * m + b) * m + a, value)
-
-
-@_helper
-def measure(ws, n, m, j, R, first, P, w, variance, columns, values, counts, zero):
-    """``w = P h`` and the variance of the innovation of channel j alone."""
-    row, number = j * n, peek_index(counts, j)
-    dots(ws, w, 1, zero, 0, P, 1, n, columns, values, row, number, n)
-    noise = load(R, first + j * m + j)
-    store(ws, variance, dot(noise, ws, w, 1, columns, values, row, number))
-
-
-@_helper
-def innovation(ws, n, j, at, y, x, columns, values, counts, zero):
-    """Innovation of channel j."""
-    seen = dot(load(ws, zero), ws, x, 1, columns, values, j * n, peek_index(counts, j))
-    return sub(splat(peek(y, at + j)), seen)
-
-
-@_helper
-def renew(ws, n, m, y, t, x, L, e, columns, values, counts, zero):
-    """Innovations of all channels, made independent with the factors L of an earlier step."""
-    for j in range(m):
-        store(ws, e + j, innovation(ws, n, j, t * m, y, x, columns, values, counts, zero))
-        for k in range(j):
-            store(ws, e + j, mulsub(load(ws, L + j * m + k), load(ws, e + k), load(ws, e + j)))
-
-
-@_helper
-def predict(ws, n, P, A, W, x, moved, drive, columns, values, counts, zero):
-    """``x = F x + drive`` and ``P = F P Fᵀ + W``."""
-    move(ws, n, x, moved, drive, columns, values, counts)
-    for i in range(n):
-        row, number = i * n, peek_index(counts, i)
-        dots(ws, A + row, 1, zero, 0, P, 1, n, columns, values, row, number, n)
-    for j in range(n):
-        row, number, corner = j * n, peek_index(counts, j), j * n + j
-        dots(ws, P + corner, n, W + corner, n, A + row, n, 1, columns, values, row, number, n - j)
-        for i in range(j + 1, n):
-            store(ws, P + row + i, load(ws, P + i * n + j))
+def keep(task, part, last, base, t):
+    """Copy rows of a block to where the parts of the results from `part` to `last` are kept."""
+    keep_small()
+    block = (base - peek_index(task, at.WORKSPACE)) // (8 * LANES * peek_index(task, at.ROWS))
+    first = peek_index(peek_index(task, at.ORDER), block * LANES)
+    while part < last:
+        row, rows, columns = peek_index(part, 0), peek_index(part, 1), peek_index(part, 2)
+        stride, out = peek_index(part, 3), peek_index(part, 4)
+        part += 8 * at.PART
+        for k in range(first, first + LANES):
+            if k < peek_index(task, at.K):
+                to = (k * peek_index(task, at.T) + t) * rows * columns
+                for i in range(rows):
+                    for j in range(columns):
+                        poke(out, to, peek(base, (row + i * stride + j) * LANES + k - first))
+                        to += 1

@@ -1,4 +1,4 @@
-"""Candidates of a batched filter: their shapes, what is wrong with them, and their packing into lanes."""
+"""Candidates of a batched filter: their shapes, and what is wrong with them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from navopt.errors import InvalidInput
-from navopt.filters.lanes import LANES
 
-__all__ = ["as_candidates", "fault", "is_diagonal", "pack"]
+__all__ = ["as_candidates", "judge"]
 
 #: Largest relative asymmetry taken for rounding.
 ASYMMETRY = 1e-9
@@ -33,7 +32,7 @@ def as_candidates(name: str, value: Any, size: int, steps: int) -> np.ndarray:
         If it has another shape.
     """
     try:
-        matrix = np.array(value, dtype=float)
+        matrix = np.ascontiguousarray(value, dtype=float)
     except (TypeError, ValueError):
         raise InvalidInput(name, value, "give an array of numbers") from None
     if matrix.ndim == 2:
@@ -49,31 +48,36 @@ def as_candidates(name: str, value: Any, size: int, steps: int) -> np.ndarray:
     return matrix
 
 
-def is_diagonal(matrix: np.ndarray) -> np.ndarray:
-    """Whether all matrices of each candidate are diagonal, (K, steps, k, k) -> (K,)."""
-    if matrix.shape[-1] == 1:
-        return np.ones(len(matrix), dtype=bool)
-    on = np.diagonal(matrix, axis1=-2, axis2=-1)
-    if np.count_nonzero(matrix) == np.count_nonzero(on):
-        return np.ones(len(matrix), dtype=bool)
-    off = ~np.eye(matrix.shape[-1], dtype=bool)
-    result: np.ndarray = (matrix[..., off] == 0.0).all(axis=(1, 2))
-    return result
-
-
-def fault(name: str, matrix: np.ndarray, *, definite: bool) -> list[str | None]:
-    """What is wrong with each candidate's matrices, (K, steps, k, k) -> K sentences or None.
+def judge(name: str, matrix: np.ndarray, *, definite: bool) -> tuple[list[str | None] | None, np.ndarray]:
+    """Find out what is wrong with each candidate's matrices, and which are diagonal.
 
     The judgement on a candidate does not depend on the others.
+
+    Parameters
+    ----------
+    name : str
+        What the matrix is called in messages.
+    matrix : ndarray, shape (K, steps, k, k)
+    definite : bool
+        Whether they must be positive definite, or semi-definite.
+
+    Returns
+    -------
+    tuple of (list of (str or None) or None) and ndarray, shape (K,)
+        Reasons, None if there is none at all; whether all matrices of the candidate are diagonal.
     """
-    reasons: list[str | None] = [None] * len(matrix)
+    size = matrix.shape[-1]
     variances = np.diagonal(matrix, axis1=-2, axis2=-1)
-    if np.count_nonzero(matrix) == np.count_nonzero(variances):
-        # all diagonal: the common case, and a swarm asks it thousands of times; NaN fails every comparison
+    if size == 1 or np.count_nonzero(matrix) == np.count_nonzero(variances):
+        # all diagonal: the common case, and a swarm asks it thousands of times
+        diagonal = np.ones(len(matrix), dtype=bool)
         least = variances.min()
+        # NaN fails every comparison
         if (least > 0.0 or (least == 0.0 and not definite)) and variances.max() < np.inf:
-            return reasons
-    diagonal = is_diagonal(matrix)
+            return None, diagonal
+    else:
+        diagonal = (matrix[..., ~np.eye(size, dtype=bool)] == 0.0).all(axis=(1, 2))
+    reasons: list[str | None] = [None] * len(matrix)
     finite = np.isfinite(matrix).all(axis=(1, 2, 3))
     low = (variances <= 0.0 if definite else variances < 0.0).any(axis=(1, 2))
     for k in np.flatnonzero(~finite | low):
@@ -98,16 +102,6 @@ def fault(name: str, matrix: np.ndarray, *, definite: bool) -> list[str | None]:
         for k, crooked, value in zip(full, skew, least, strict=True):
             if crooked:
                 reasons[k] = f"{name} is not symmetric"
-            elif value < limit * matrix.shape[-1]:
+            elif value < limit * size:
                 reasons[k] = f"{name} is not positive {'definite' if definite else 'semi-definite'}"
-    return reasons
-
-
-def pack(matrix: np.ndarray) -> np.ndarray:
-    """Candidates as lanes, (K, steps, k, k) -> (blocks, steps, k², 8); the last one fills up its block."""
-    count, steps, size = matrix.shape[:3]
-    blocks = -(-count // LANES)
-    lanes = np.empty((blocks * LANES, steps, size, size))
-    lanes[:count] = matrix if size == 1 else 0.5 * (matrix + np.swapaxes(matrix, -1, -2))
-    lanes[count:] = lanes[count - 1]
-    return np.ascontiguousarray(lanes.reshape(blocks, LANES, steps, size * size).transpose(0, 2, 3, 1))
+    return reasons, diagonal

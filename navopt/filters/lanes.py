@@ -8,7 +8,8 @@ bits in any lane and in any company.
 
 Memory is addressed by a plain integer (``array.ctypes.data``), because numba counts references of an array
 whenever it passes one on, which costs more than the arithmetic. Who calls these must keep the arrays alive
-and the rows inside them: nothing is checked.
+and the rows inside them: nothing is checked. Single numbers are read and written as "unordered atomic",
+which costs nothing and keeps the compiler from spending its time on vectors of its own.
 """
 
 from __future__ import annotations
@@ -22,16 +23,21 @@ from numba.extending import intrinsic, models, register_model
 
 __all__ = [
     "HUGE",
+    "INDEX",
     "LANES",
     "TINY",
+    "VECTOR",
     "Lanes",
     "add",
+    "call",
     "choose",
     "count_set",
     "div",
     "exponent",
     "first_bad",
+    "fused",
     "if_close",
+    "keep_small",
     "load",
     "mantissa",
     "mul",
@@ -51,10 +57,11 @@ LANES = 8
 #: A variance outside these limits is a failure: two of them can still be multiplied without overflow.
 TINY, HUGE = 1e-150, 1e150
 
-_DOUBLE = ir.DoubleType()
-_VECTOR = ir.VectorType(_DOUBLE, LANES)
-_INDEX = ir.IntType(64)
-_INTEGERS = ir.VectorType(_INDEX, LANES)
+# LLVM's names of a number, of eight and of an address
+DOUBLE = ir.DoubleType()
+VECTOR = ir.VectorType(DOUBLE, LANES)
+INDEX = ir.IntType(64)
+_INTEGERS = ir.VectorType(INDEX, LANES)
 
 
 class Lanes(types.Type):
@@ -67,14 +74,14 @@ class Lanes(types.Type):
 @register_model(Lanes)
 class _LanesModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, _VECTOR)
+        super().__init__(manager, kind, VECTOR)
 
 
 _lanes = Lanes()
 
 
 def _splat(builder: Any, value: Any) -> Any:
-    undefined = ir.Constant(_VECTOR, ir.Undefined)
+    undefined = ir.Constant(VECTOR, ir.Undefined)
     first = builder.insert_element(undefined, value, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(
         first, undefined, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
@@ -84,7 +91,7 @@ def _splat(builder: Any, value: Any) -> Any:
 def _address(context: Any, builder: Any, signature: Any, args: Any, width: int, kind: Any) -> Any:
     """Pointer to element or row ``args[1]`` of the memory at ``args[0]``."""
     row = context.cast(builder, args[1], signature.args[1], types.int64)
-    offset = builder.mul(row, ir.Constant(_INDEX, 8 * width))
+    offset = builder.mul(row, ir.Constant(INDEX, 8 * width))
     return builder.inttoptr(builder.add(args[0], offset), kind.as_pointer())
 
 
@@ -93,7 +100,7 @@ def load(typing, base, row):
     """Vector in row `row` of the memory at `base`, rows being `LANES` doubles long."""
 
     def generate(context, builder, signature, args):
-        value = builder.load(_address(context, builder, signature, args, LANES, _VECTOR))
+        value = builder.load(_address(context, builder, signature, args, LANES, VECTOR))
         value.align = 8
         return value
 
@@ -105,7 +112,7 @@ def store(typing, base, row, value):
     """Write a vector into row `row` of the memory at `base`."""
 
     def generate(context, builder, signature, args):
-        done = builder.store(args[2], _address(context, builder, signature, args, LANES, _VECTOR))
+        done = builder.store(args[2], _address(context, builder, signature, args, LANES, VECTOR))
         done.align = 8
         return context.get_dummy_value()
 
@@ -117,7 +124,7 @@ def peek(typing, base, k):
     """Double number `k` of the memory at `base`."""
 
     def generate(context, builder, signature, args):
-        return builder.load(_address(context, builder, signature, args, 1, _DOUBLE))
+        return builder.load_atomic(_address(context, builder, signature, args, 1, DOUBLE), "unordered", 8)
 
     return types.float64(types.int64, k), generate
 
@@ -127,7 +134,7 @@ def peek_index(typing, base, k):
     """Integer (64 bits) number `k` of the memory at `base`."""
 
     def generate(context, builder, signature, args):
-        return builder.load(_address(context, builder, signature, args, 1, _INDEX))
+        return builder.load(_address(context, builder, signature, args, 1, INDEX))
 
     return types.int64(types.int64, k), generate
 
@@ -137,7 +144,7 @@ def poke(typing, base, k, value):
     """Write double number `k` of the memory at `base`."""
 
     def generate(context, builder, signature, args):
-        builder.store(args[2], _address(context, builder, signature, args, 1, _DOUBLE))
+        builder.store_atomic(args[2], _address(context, builder, signature, args, 1, DOUBLE), "unordered", 8)
         return context.get_dummy_value()
 
     return types.none(types.int64, k, types.float64), generate
@@ -148,10 +155,37 @@ def poke_index(typing, base, k, value):
     """Write integer (64 bits) number `k` of the memory at `base`."""
 
     def generate(context, builder, signature, args):
-        builder.store(args[2], _address(context, builder, signature, args, 1, _INDEX))
+        builder.store(args[2], _address(context, builder, signature, args, 1, INDEX))
         return context.get_dummy_value()
 
     return types.none(types.int64, k, types.int64), generate
+
+
+@intrinsic
+def keep_small(typing):
+    """Tell the compiler to write the function as short as it can, which takes it much less time.
+
+    Loops that are unrolled are no faster where every one of them works on vectors already.
+    """
+
+    def generate(context, builder, signature, args):
+        builder.function.attributes.add("minsize")
+        builder.function.attributes.add("optsize")
+        return context.get_dummy_value()
+
+    return types.none(), generate
+
+
+@intrinsic
+def call(typing, function, argument):
+    """Call a compiled function of one integer by its address."""
+
+    def generate(context, builder, signature, args):
+        kind = ir.FunctionType(ir.VoidType(), [INDEX])
+        builder.call(builder.inttoptr(args[0], kind.as_pointer()), [args[1]])
+        return context.get_dummy_value()
+
+    return types.none(types.int64, types.int64), generate
 
 
 @intrinsic
@@ -188,9 +222,10 @@ def div(typing, a, b):
     return _lanes(_lanes, _lanes), lambda context, builder, signature, args: builder.fdiv(*args)
 
 
-def _muladd(builder: Any, a: Any, b: Any, c: Any) -> Any:
+def fused(builder: Any, a: Any, b: Any, c: Any) -> Any:
+    """``a * b + c`` in LLVM's terms."""
     # fused where the processor can, rounded twice where it cannot: the same everywhere on one machine
-    signature = ir.FunctionType(_VECTOR, [_VECTOR] * 3)
+    signature = ir.FunctionType(VECTOR, [VECTOR] * 3)
     function = cgutils.get_or_insert_function(builder.module, signature, f"llvm.fmuladd.v{LANES}f64")
     return builder.call(function, [a, b, c])
 
@@ -200,7 +235,7 @@ def muladd(typing, a, b, c):
     """``a * b + c``."""
 
     def generate(context, builder, signature, args):
-        return _muladd(builder, *args)
+        return fused(builder, *args)
 
     return _lanes(_lanes, _lanes, _lanes), generate
 
@@ -210,7 +245,7 @@ def mulsub(typing, a, b, c):
     """``c - a * b``."""
 
     def generate(context, builder, signature, args):
-        return _muladd(builder, builder.fneg(args[0]), args[1], args[2])
+        return fused(builder, builder.fneg(args[0]), args[1], args[2])
 
     return _lanes(_lanes, _lanes, _lanes), generate
 
@@ -221,7 +256,7 @@ def choose(typing, mask, a, b):
 
     def generate(context, builder, signature, args):
         mask, a, b = args
-        zero = _splat(builder, ir.Constant(_DOUBLE, 0.0))
+        zero = _splat(builder, ir.Constant(DOUBLE, 0.0))
         return builder.select(builder.fcmp_unordered("!=", mask, zero), a, b)
 
     return _lanes(_lanes, _lanes, _lanes), generate
@@ -234,7 +269,7 @@ def if_close(typing, mask, change, size):
     def generate(context, builder, signature, args):
         mask, change, size = args
         near = builder.fcmp_ordered("<=", builder.fmul(change, change), size)
-        return builder.select(near, mask, _splat(builder, ir.Constant(_DOUBLE, 0.0)))
+        return builder.select(near, mask, _splat(builder, ir.Constant(DOUBLE, 0.0)))
 
     return _lanes(_lanes, _lanes, _lanes), generate
 
@@ -244,11 +279,11 @@ def count_set(typing, mask):
     """How many lanes of a mask are not zero."""
 
     def generate(context, builder, signature, args):
-        result = ir.Constant(_INDEX, 0)
-        zero = ir.Constant(_DOUBLE, 0.0)
+        result = ir.Constant(INDEX, 0)
+        zero = ir.Constant(DOUBLE, 0.0)
         for k in range(LANES):
             lane = builder.extract_element(args[0], ir.Constant(ir.IntType(32), k))
-            one = builder.zext(builder.fcmp_unordered("!=", lane, zero), _INDEX)
+            one = builder.zext(builder.fcmp_unordered("!=", lane, zero), INDEX)
             result = builder.add(result, one)
         return result
 
@@ -266,8 +301,8 @@ def exponent(typing, a):
     def generate(context, builder, signature, args):
         bits = builder.lshr(builder.bitcast(args[0], _INTEGERS), _constants(52))
         # put behind the point of 2^52 an integer becomes a double without a conversion, which AVX2 lacks
-        shifted = builder.bitcast(builder.or_(bits, _constants(0x4330000000000000)), _VECTOR)
-        return builder.fsub(shifted, _splat(builder, ir.Constant(_DOUBLE, 2.0**52 + 1023.0)))
+        shifted = builder.bitcast(builder.or_(bits, _constants(0x4330000000000000)), VECTOR)
+        return builder.fsub(shifted, _splat(builder, ir.Constant(DOUBLE, 2.0**52 + 1023.0)))
 
     return _lanes(_lanes), generate
 
@@ -278,7 +313,7 @@ def mantissa(typing, a):
 
     def generate(context, builder, signature, args):
         bits = builder.and_(builder.bitcast(args[0], _INTEGERS), _constants(0x000FFFFFFFFFFFFF))
-        return builder.bitcast(builder.or_(bits, _constants(0x3FF0000000000000)), _VECTOR)
+        return builder.bitcast(builder.or_(bits, _constants(0x3FF0000000000000)), VECTOR)
 
     return _lanes(_lanes), generate
 
@@ -292,7 +327,7 @@ def first_bad(typing, step, variance, now):
 
     def generate(context, builder, signature, args):
         step, variance, now = args
-        low, high = (_splat(builder, ir.Constant(_DOUBLE, limit)) for limit in (TINY, HUGE))
+        low, high = (_splat(builder, ir.Constant(DOUBLE, limit)) for limit in (TINY, HUGE))
         good = builder.and_(
             builder.fcmp_ordered(">", variance, low), builder.fcmp_ordered("<", variance, high)
         )
