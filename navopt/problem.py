@@ -112,6 +112,8 @@ class EstimationProblem(Problem):
     provides: ClassVar[frozenset[str]] = frozenset()
     truth: Any = None
     true_x: np.ndarray | None = None
+    #: Keywords of `simulate` that made a world which can be drawn again with other noise (`noise_seed`).
+    _world: dict[str, Any] | None = None
     _sealed = False
 
     def __init__(self, parameters: tuple[Parameter, ...] | list[Parameter]) -> None:
@@ -364,8 +366,16 @@ class EstimationProblem(Problem):
         return ""
 
     def redraw(self, seed: int) -> EstimationProblem:
-        """Return the held-out twin: same scenario and truth, new noise drawn from `seed`."""
-        raise UnsuitableProblem(f"{type(self).__name__} cannot be redrawn: it holds recorded data")
+        """Return the held-out twin: same scenario and truth, new noise drawn from `seed`.
+
+        Raises
+        ------
+        UnsuitableProblem
+            If the data are not simulated.
+        """
+        if self._world is None:
+            raise UnsuitableProblem(f"{type(self).__name__} cannot be redrawn: it holds recorded data")
+        return type(self).simulate(noise_seed=seed, **self._world)
 
     @classmethod
     def simulate(cls, seed: int = 0, **scenario: Any) -> EstimationProblem:

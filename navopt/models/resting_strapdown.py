@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from navopt.errors import InvalidInput
 from navopt.models.azimuth_error import azimuth_constants
+from navopt.models.readings import checked_readings
 from navopt.models.static_alignment import StaticSite
 
 __all__ = ["RestingRun", "resting_strapdown"]
@@ -182,13 +183,7 @@ def resting_strapdown(
     InvalidInput
         If the readings are no finite arrays of one shape (N, 3), or the step is not positive.
     """
-    w, f = (np.ascontiguousarray(v, dtype=np.float64) for v in (gyro, accelerometer))
-    if w.ndim != 2 or w.shape[1:] != (3,) or w.shape != f.shape:
-        raise InvalidInput("gyro", f"shape {w.shape}", "give readings of both sensors, shape (N, 3)")
-    if not (np.isfinite(w).all() and np.isfinite(f).all()):
-        raise InvalidInput("gyro, accelerometer", "readings that are not finite", "leave no gaps")
-    if not np.isfinite(step) or not step > 0.0:
-        raise InvalidInput("step", step, "give a positive number of seconds")
+    w, f = checked_readings(gyro, accelerometer, step)
     if isinstance(every, bool) or not isinstance(every, int | np.integer) or not 1 <= every <= len(w):
         raise InvalidInput("every", every, f"give an integer from 1 to the {len(w)} readings")
     count = len(w) // int(every)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from navopt.errors import InvalidInput
 from navopt.models.enu_attitude import attitude_enu
+from navopt.models.readings import checked_readings
 from navopt.models.static_alignment import StaticSite
 
 __all__ = ["free_inertial"]
@@ -50,13 +50,7 @@ def free_inertial(
     from pyins import strapdown, transform
     from pyins.util import TRAJECTORY_COLS
 
-    w, f = (np.asarray(v, dtype=np.float64) for v in (gyro, accelerometer))
-    if w.ndim != 2 or w.shape[1:] != (3,) or w.shape != f.shape or not len(w):
-        raise InvalidInput("gyro", f"shape {w.shape}", "give readings of both sensors, shape (N, 3)")
-    if not (np.isfinite(w).all() and np.isfinite(f).all()):
-        raise InvalidInput("gyro, accelerometer", "readings that are not finite", "leave no gaps")
-    if not np.isfinite(step) or not step > 0.0:
-        raise InvalidInput("step", step, "give a positive number of seconds")
+    w, f = checked_readings(gyro, accelerometer, step)
     increments = np.concatenate([w @ SWAP, f @ SWAP], axis=1) * step
     # python-ins wants one reading before the first, for its coning and sculling terms
     increments = np.vstack([increments[:1], increments])

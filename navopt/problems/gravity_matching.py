@@ -174,7 +174,6 @@ class GravityMatching(EstimationProblem):
                 array.setflags(write=False)
         if track.true_latitude is not None and track.true_longitude is not None:
             self.truth = MatchedTrack(track.true_latitude[last], track.true_longitude[last])
-        self._world: dict[str, Any] | None = None
 
     # -- prior and box -----------------------------------------------------------------------------
     def _make_parameters(self, box: Any, scale_limit: float | None) -> list[Parameter]:
@@ -380,12 +379,6 @@ class GravityMatching(EstimationProblem):
         world = build_world(cls, seed, noise_seed, loss=loss, **scenario)
         object.__setattr__(world, "_world", {"seed": seed, **scenario, **loss})
         return world
-
-    def redraw(self, seed: int) -> EstimationProblem:
-        """Return the same voyage and INS with other gravimeter noise."""
-        if self._world is None:
-            return super().redraw(seed)
-        return type(self).simulate(noise_seed=seed, **self._world)
 
     @classmethod
     def data_checksum(cls, *, degree: int = 2190, **scenario: Any) -> str:

@@ -203,7 +203,6 @@ class GyroCalibration(EstimationProblem):
                 array.setflags(write=False)
         if truth is not None:
             self._set_truth(truth)
-        self._world: dict[str, Any] | None = None
 
     def _make_parameters(self, names: list[str], reach: dict[str, float], box: Any) -> list[Parameter]:
         values = self._base[self._columns]
@@ -381,12 +380,6 @@ class GyroCalibration(EstimationProblem):
         world = build_world(cls, seed, noise_seed, **scenario)
         object.__setattr__(world, "_world", {"seed": seed, **scenario})
         return world
-
-    def redraw(self, seed: int) -> EstimationProblem:
-        """Return the same sensors, presets and positions with other noise."""
-        if self._world is None:
-            return super().redraw(seed)
-        return type(self).simulate(noise_seed=seed, **self._world)
 
     def illustration(self) -> dict[str, np.ndarray]:
         """Rates at the preset, and true ones where known: positions on the sphere of the Earth rate."""

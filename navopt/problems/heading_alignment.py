@@ -139,7 +139,6 @@ class HeadingAlignment(EstimationProblem):
         self._prepared = prepare(record)
         self._inputs: dict[str, Any] = {}
         self._inputs = {self.settings.velocities: self.inputs(self.settings.velocities)}
-        self._world: dict[str, Any] | None = None
         # the filters of a comparison all have the declared noises for a candidate: its loss is kept
         self._last: tuple[HeadingSettings, float] | None = None
 
@@ -380,11 +379,9 @@ heading_bias_sigma, every, attitude, prior_sigma
 
         The keyword `redraws` of `simulate` says which.
         """
-        if self._world is None:
-            return super().redraw(seed)
-        if self._world.get("redraws") == "world":
+        if self._world is not None and self._world.get("redraws") == "world":
             return type(self).simulate(**{**self._world, "seed": seed})
-        return type(self).simulate(noise_seed=seed, **self._world)
+        return super().redraw(seed)
 
 
 name_keywords(HeadingAlignment)

@@ -139,7 +139,6 @@ class NoiseTuning(EstimationProblem):
 
         self.filter = BatchKalman(model, update=update)
         self._measurements = int(np.isfinite(model.y).sum())
-        self._world: dict[str, Any] | None = None
 
     @classmethod
     def from_filterpy(cls, kalman: Any, data: Any, *, us: Any = None, G: Any = None, **options: Any) -> Self:
@@ -391,9 +390,3 @@ class NoiseTuning(EstimationProblem):
         world = moving_vehicle(cls, seed, noise_seed, **scenario)
         object.__setattr__(world, "_world", {"seed": seed, **scenario})
         return world
-
-    def redraw(self, seed: int) -> EstimationProblem:
-        """Return the same system and covariances with other states and noise."""
-        if self._world is None:
-            return super().redraw(seed)
-        return type(self).simulate(noise_seed=seed, **self._world)

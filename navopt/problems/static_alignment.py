@@ -11,7 +11,6 @@ from navopt.errors import InvalidInput, UnknownName
 from navopt.models.alignment_sensors import ImuGrade
 from navopt.models.enu_attitude import attitude_angles, corrected_attitude
 from navopt.models.static_alignment import StaticSite
-from navopt.problem import EstimationProblem
 from navopt.problems.alignment_form import SourceForm
 from navopt.problems.alignment_scenario import AlignmentScenario
 from navopt.problems.alignment_worlds import AlignmentRun, recorded_run, simulated_run
@@ -330,9 +329,3 @@ restarts
         )
         object.__setattr__(world, "_world", again)
         return world
-
-    def redraw(self, seed: int) -> EstimationProblem:
-        """Return the same system with the same initial errors and biases, and other noise."""
-        if self._world is None:
-            return EstimationProblem.redraw(self, seed)
-        return type(self).simulate(noise_seed=seed, **self._world)
