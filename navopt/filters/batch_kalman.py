@@ -254,13 +254,15 @@ class BatchKalman:
             if each is not None:
                 each = each * count if len(each) == 1 else each
                 reasons = [first or then for first, then in zip(reasons, each, strict=True)]
-        update = UPDATES.get(self.update, SEQUENTIAL)
-        if update == SEQUENTIAL and not (all_diagonal := diagonal.all()) and self.update == "sequential":
+        all_diagonal = bool(diagonal.all())
+        if self.update == "sequential" and not all_diagonal:
             k = int(np.argmin(diagonal))
             raise InvalidInput(f"R of candidate {k}", "not diagonal", 'use update="matrix" or "auto"')
         sound = None if of_Q is of_R is of_P0 is None else np.array([reason is None for reason in reasons])
-        if self.update != "auto" or all_diagonal:
-            groups = [(update, sound)]
+        if self.update != "auto":
+            groups = [(UPDATES[self.update], sound)]
+        elif all_diagonal:
+            groups = [(SEQUENTIAL, sound)]
         else:
             diagonal = np.broadcast_to(diagonal, count)
             groups = [
