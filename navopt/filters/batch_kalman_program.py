@@ -33,7 +33,6 @@ __all__ = [
     "SEQUENTIAL",
     "STAGES",
     "SUMS",
-    "Columns",
     "Layout",
     "entries",
     "programs",
