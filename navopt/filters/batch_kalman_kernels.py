@@ -31,6 +31,7 @@ from navopt.filters.batch_kalman_steps import (
     finish,
     gather_settled,
     hand_over,
+    helper,
     hold,
     keep,
     leave_out,
@@ -53,8 +54,6 @@ from navopt.filters.lanes import (
 __all__ = ["advance_address", "filter_lanes"]
 
 ROW = 8 * LANES
-# helpers are never called from Python, and their wrappers would take as long to compile as they do
-_helper = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 #: Steps between two looks at whether the covariance still changes.
 WATCH = 8
 #: Most blocks in one instruction, and most bytes of their workspaces: they are to stay in the nearest cache.
@@ -129,7 +128,7 @@ def advance_address() -> int:
     return address
 
 
-@_helper
+@helper
 def _advance_all(task, bases, number, begin, end):
     """Carry out whole steps of blocks, as many at a time as the nearest cache holds."""
     keep_small()

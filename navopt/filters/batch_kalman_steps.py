@@ -48,6 +48,7 @@ __all__ = [
     "finish",
     "gather_settled",
     "hand_over",
+    "helper",
     "hold",
     "keep",
     "leave_out",
@@ -64,11 +65,11 @@ PRODUCT, POWER, CHI, FAIL, SETTLED_LANES, PADDING, ONE = (
     Layout.PRODUCT, Layout.POWER, Layout.CHI, Layout.FAIL, Layout.SETTLED, Layout.PADDING, Layout.ONE
 )  # fmt: skip
 
-# helpers are never called from Python, and their wrappers would take as long to compile as they do
-_helper = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+#: Compiles what is never called from Python: the wrappers would take as long as the function itself.
+helper = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
-@_helper
+@helper
 def finish(task, base, k, w, y, step):
     """Use channel k, all of whose sums are there: its part of the likelihood and its gains.
 
@@ -96,7 +97,7 @@ def finish(task, base, k, w, y, step):
     store(base, POWER, add(load(base, POWER), exponent(product)))
 
 
-@_helper
+@helper
 def leave_out(task, base, k, w):
     """Make the sums of later channels and of the covariance free of channel k, which is missing."""
     keep_small()
@@ -109,7 +110,7 @@ def leave_out(task, base, k, w):
         store(base, peek_index(task, at.FACTOR) + k * m + i, splat(0.0))
 
 
-@_helper
+@helper
 def add_drive(task, base, drive):
     """The next state: what the transition made of it, at the end of A, and what the known input adds."""
     keep_small()
@@ -121,7 +122,7 @@ def add_drive(task, base, drive):
         store(base, P + i * (n + 1) + n, value)
 
 
-@_helper
+@helper
 def add_errors(task, base, truth):
     """Squares of the errors of the state."""
     keep_small()
@@ -132,7 +133,7 @@ def add_errors(task, base, truth):
         store(base, squares + i, muladd(error, error, load(base, squares + i)))
 
 
-@_helper
+@helper
 def coast(task, base, y, drive, t):
     """Step t of a block whose covariance has settled: innovations, state and, if not the last, prediction."""
     keep_small()
@@ -172,7 +173,7 @@ def coast(task, base, y, drive, t):
     add_drive(task, base, drive)
 
 
-@_helper
+@helper
 def hold(task, base):
     """Put the covariance of settled lanes back to what it was when it settled."""
     keep_small()
@@ -185,7 +186,7 @@ def hold(task, base):
             store(base, P + k, choose(settled, load(base, held + k), load(base, P + k)))
 
 
-@_helper
+@helper
 def watch(task, base, compare):
     """See which lanes have not changed since the last time, if there was one, and remember all."""
     keep_small()
@@ -203,7 +204,7 @@ def watch(task, base, compare):
         store(base, held + i, load(base, P + i))
 
 
-@_helper
+@helper
 def gather_settled(task, moving, number, states, order):
     """Put lanes that have settled together at the end, if that leaves a block that need not move any more."""
     keep_small()
@@ -236,7 +237,7 @@ def gather_settled(task, moving, number, states, order):
         poke_index(states, (peek_index(moving, b) - workspace) // (8 * LANES * rows), FRESH)
 
 
-@_helper
+@helper
 def fetch(task, order, base, t):
     """Put the symmetric parts of a block's candidates into its lanes, as far as they are new."""
     keep_small()
@@ -256,7 +257,7 @@ def fetch(task, order, base, t):
                     poke(base, (to + i * stride + j) * LANES + l, value)
 
 
-@_helper
+@helper
 def share(task, t):
     """Put the entries of the matrices of the model into the rows that all blocks share."""
     keep_small()
@@ -270,7 +271,7 @@ def share(task, t):
         source += 24
 
 
-@_helper
+@helper
 def begin_block(task, base, order):
     """First state and covariance of a block; all else is zero."""
     keep_small()
@@ -291,7 +292,7 @@ def begin_block(task, base, order):
             poke(base, PADDING * LANES + l, 1.0)
 
 
-@_helper
+@helper
 def hand_over(task, base, order):
     """Results of a block's candidates."""
     keep_small()
@@ -310,7 +311,7 @@ def hand_over(task, base, order):
             poke(peek_index(task, at.ERRORS), k * n + i, peek(lane, (squares + i) * LANES))
 
 
-@_helper
+@helper
 def keep(task, part, last, base, t):
     """Copy rows of a block to where the parts of the results from `part` to `last` are kept."""
     keep_small()

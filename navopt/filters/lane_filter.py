@@ -37,7 +37,7 @@ class LaneFilter:
     def __init__(self, model: LinearGaussianModel, data: np.ndarray) -> None:
         self.model = model
         F, H, G = (a if a.ndim == 3 else a[None] for a in (model.F, model.H, model.G))
-        # all of Hᵀ, which only one kind of update needs
+        # all of Hᵀ, without regard to zeros
         transposed = np.swapaxes(H, -1, -2).reshape(len(H), -1)
         split = [*map(entries, (F, H, G)), ((tuple(range(H.shape[1])),) * H.shape[2], transposed)]
         self._columns = tuple(columns for columns, _ in split)
@@ -70,7 +70,9 @@ class LaneFilter:
         where = {name: _address(a) for name, a in arrays.items()}
         known = {
             at.N: n, at.M: m, at.G: g, at.T: self.model.n_steps, at.LANES_USED: LANES,
-            at.MATRICES_USED: len(MATRICES), at.CANDIDATES_USED: 3, at.NOISE_VARIES: self.model.G.ndim == 3,
+            # only Joseph's form takes the last one, Hᵀ
+            at.MATRICES_USED: len(MATRICES) - (update != JOSEPH), at.CANDIDATES_USED: 3,
+            at.NOISE_VARIES: self.model.G.ndim == 3,
             at.STEADY: self.model.constant and update != JOSEPH, at.ROWS: layout.rows,
             at.SQUARES: layout.at("squares"), at.P: layout.at("P"), at.HELD: layout.at("held"),
             at.A: layout.at("A"), at.W: layout.at("w"), at.GAIN: layout.at("gain"),
