@@ -206,14 +206,14 @@ def test_a_candidate_has_the_same_bits_in_any_company(n, m) -> None:
         assert np.array_equal(kalman.mean_square_error(Q[k], R[k], truth)[0], squares[k])
 
 
-@pytest.mark.parametrize("gaps", [(), (150, 151, 330)])
+@pytest.mark.parametrize(("gaps", "driven"), [((), True), ((), False), ((150, 151, 330), True)])
 @pytest.mark.parametrize(("n", "m"), [(2, 1), (6, 2)])
-def test_a_candidate_whose_covariance_settles_has_the_same_bits_in_any_company(n, m, gaps) -> None:
+def test_a_candidate_whose_covariance_settles_has_the_same_bits_in_any_company(n, m, gaps, driven) -> None:
     # candidates settle at very different times, and missing data unsettle them
     model, Q, R = system(3, n=n, m=m, g=n, steps=600)
     y = model.y.copy()
     y[list(gaps), 0] = np.nan
-    model, rng = model.replaced(y=y), np.random.default_rng(1)
+    model, rng = model.replaced(y=y, **({} if driven else {"B": None, "u": None})), np.random.default_rng(1)
     Qs = 10.0 ** rng.uniform(-7.0, 1.0, (150, 1, 1)) * Q
     Rs = np.repeat(R[None], 150, axis=0)
     Rs[::2] *= np.eye(m)
@@ -258,8 +258,9 @@ def test_many_realisations_are_each_their_own() -> None:
         assert np.array_equal(one.smooth(Qs, Rs).estimates, smoothed.estimates[:, k])
         sums = sums + one.gradient(Qs, Rs).by_Q
     assert np.allclose(total.by_Q, sums, rtol=1e-12)
-    truths = np.zeros((3, 25, 3))
-    assert both.mean_square_error(Qs, Rs, truths).shape == (2, 3, 3)
+    truths = np.random.default_rng(2).normal(size=(3, 25, 3))
+    expected = np.mean((run.estimates - truths) ** 2, axis=2)
+    assert np.allclose(both.mean_square_error(Qs, Rs, truths), expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("varying", [False, True])
@@ -405,6 +406,21 @@ def test_options_are_checked() -> None:
         BatchKalman(model, measurements=np.zeros((3, 5, 2)))
     with pytest.raises(InvalidInput, match="truth: got shape"):
         BatchKalman(model).mean_square_error(Q, R, np.zeros((3, 3)))
+
+
+def test_candidates_need_not_be_writable_contiguous_or_exactly_symmetric() -> None:
+    model, Q, R = system(5)
+    Qs, Rs = np.stack([Q, 2.0 * Q, 3.0 * Q]), np.stack([R, 2.0 * R, 3.0 * R])
+    kalman = BatchKalman(model)
+    logs = kalman.log_likelihood(Qs, Rs)
+    for a in (Qs, Rs):
+        a.setflags(write=False)
+    assert np.array_equal(kalman.log_likelihood(Qs, Rs), logs)
+    assert np.array_equal(kalman.log_likelihood(np.asfortranarray(Qs), Rs[::-1][::-1]), logs)
+    rounded = Rs.copy()
+    rounded[:, 0, 1] *= 1.0 + 1e-12
+    rounded[:, 1, 0] *= 1.0 - 1e-12
+    assert np.allclose(kalman.log_likelihood(Qs, rounded), logs, rtol=1e-13)
 
 
 def test_one_filter_in_two_threads_and_in_another_copy() -> None:

@@ -154,7 +154,7 @@ class BatchKalman:
             raise InvalidInput("measurements", "infinite entries", "give NaN where one is missing")
         self._y = data
         self._lanes = LaneFilter(model, data)
-        self._P0 = model.P0[None, None]
+        self._P0 = np.array(model.P0, order="C")[None, None]
 
     # -- what is asked for -----------------------------------------------------------------------------
     def log_likelihood(self, Q: Any, R: Any, P0: Any = None) -> np.ndarray:
@@ -169,7 +169,7 @@ class BatchKalman:
 
     def reasons(self, Q: Any, R: Any, P0: Any = None) -> tuple[str | None, ...]:
         """Why each candidate failed, None if it did not."""
-        return self._evaluate(self._prepare(Q, R, P0))[2]
+        return self._evaluate(self._prepare(Q, R, P0))[1]
 
     def mean_square_error(self, Q: Any, R: Any, truth: Any, P0: Any = None) -> np.ndarray:
         """Mean square error of the filtered states against true ones.
@@ -191,7 +191,10 @@ class BatchKalman:
         shape = (len(self._y), self.model.n_steps, self.model.n_states)
         if truth.shape != shape or not np.isfinite(truth).all():
             raise InvalidInput("truth", f"shape {truth.shape}", f"give finite states, shape {shape}")
-        return self._evaluate(self._prepare(Q, R, P0), truth=truth)[1]
+        candidates = self._prepare(Q, R, P0)
+        squares = np.full((len(candidates.reasons), *shape[::2]), np.inf)
+        self._evaluate(candidates, truth=truth, squares=squares)
+        return squares[:, 0] if self._single else squares
 
     def run(self, Q: Any, R: Any, P0: Any = None) -> BatchRun:
         """Filter and keep everything. Memory grows with K T n²; `log_likelihood` needs none of it."""
@@ -200,7 +203,7 @@ class BatchKalman:
         n, T = model.n_states, model.n_steps
         shapes = ((n,), (n, n), (n,), (n, n), ())
         kept = [np.full((number, count, T, *shape), np.nan) for shape in shapes]
-        logs, _, failed = self._evaluate(candidates, kept=kept)
+        logs, failed = self._evaluate(candidates, kept=kept)
         for k, reason in enumerate(failed):
             if reason is not None:
                 for array in kept:
@@ -239,35 +242,37 @@ class BatchKalman:
         given = [
             as_candidates("Q", Q, model.n_noises, model.n_steps),
             as_candidates("R", R, model.n_measurements, model.n_steps),
-            # that of the model was checked with it
+            # that of the model was checked, and made symmetric, with it
             self._P0 if P0 is None else as_candidates("P0", P0, model.n_states, 1),
         ]
         count = max(map(len, given))
         for name, a in zip(("Q", "R", "P0"), given, strict=True):
             if len(a) not in (1, count):
                 raise InvalidInput(name, f"{len(a)} candidates", f"give 1 or {count}, as of the others")
-        of_Q, _ = judge("Q", given[0], definite=False)
-        of_R, diagonal = judge("R", given[1], definite=True)
-        of_P0 = None if P0 is None else judge("P0", given[2], definite=False)[0]
+        judged = [judge("Q", given[0], definite=False), judge("R", given[1], definite=True)]
+        if P0 is not None:
+            judged.append(judge("P0", given[2], definite=False))
         reasons: list[str | None] = [None] * count
-        for each in (of_Q, of_R, of_P0):
+        for i, (each, full) in enumerate(judged):
+            if full is not None:
+                given[i] = 0.5 * (given[i] + np.swapaxes(given[i], -1, -2))
             if each is not None:
                 each = each * count if len(each) == 1 else each
                 reasons = [first or then for first, then in zip(reasons, each, strict=True)]
-        all_diagonal = bool(diagonal.all())
-        if self.update == "sequential" and not all_diagonal:
-            k = int(np.argmin(diagonal))
+        correlated = judged[1][1]
+        if self.update == "sequential" and correlated is not None:
+            k = int(np.argmax(correlated))
             raise InvalidInput(f"R of candidate {k}", "not diagonal", 'use update="matrix" or "auto"')
-        sound = None if of_Q is of_R is of_P0 is None else np.array([reason is None for reason in reasons])
+        sound = np.array([reason is None for reason in reasons]) if any(reasons) else None
         if self.update != "auto":
             groups = [(UPDATES[self.update], sound)]
-        elif all_diagonal:
+        elif correlated is None:
             groups = [(SEQUENTIAL, sound)]
         else:
-            diagonal = np.broadcast_to(diagonal, count)
+            correlated = np.broadcast_to(correlated, count)
             groups = [
                 (kind, chosen if sound is None else chosen & sound)
-                for kind, chosen in ((SEQUENTIAL, diagonal), (MATRIX, ~diagonal))
+                for kind, chosen in ((SEQUENTIAL, ~correlated), (MATRIX, correlated))
             ]
         return _Candidates(given, reasons, groups)
 
@@ -276,12 +281,15 @@ class BatchKalman:
         candidates: _Candidates,
         *,
         truth: np.ndarray | None = None,
+        squares: np.ndarray | None = None,
         kept: list[np.ndarray] | None = None,
-    ) -> tuple[np.ndarray, np.ndarray, tuple[str | None, ...]]:
-        """Log-likelihoods (K[, N]), mean squares (K[, N], n) and reasons of checked candidates."""
+    ) -> tuple[np.ndarray, tuple[str | None, ...]]:
+        """Log-likelihoods (K[, N]) and reasons of checked candidates.
+
+        With true states `squares` (K, N, n) is filled with mean squares; `kept` with what `run` keeps.
+        """
         reasons, T = candidates.reasons, self.model.n_steps
         logs = np.full((len(reasons), len(self._y)), -np.inf)
-        squares = np.full((*logs.shape, self.model.n_states), np.inf)
         for update, chosen in candidates.groups:
             which: Any = slice(None)
             given = candidates.given
@@ -292,7 +300,7 @@ class BatchKalman:
             for sample in range(len(self._y) if count else 0):
                 parts = None if kept is None else [np.empty((count, *a.shape[2:])) for a in kept]
                 logs[which, sample], failed, sums = self._lanes(given, count, update, sample, truth, parts)
-                if truth is not None:
+                if squares is not None:
                     squares[which, sample] = sums / T
                 for whole, part in zip(kept or (), parts or (), strict=True):
                     whole[sample, which] = part
@@ -303,10 +311,10 @@ class BatchKalman:
                             reasons[k] = reasons[k] or _divergence(int(step), T)
         if any(reasons):
             bad = [reason is not None for reason in reasons]
-            logs[bad], squares[bad] = -np.inf, np.inf
-        if self._single:
-            return logs[:, 0], squares[:, 0], tuple(reasons)
-        return logs, squares, tuple(reasons)
+            logs[bad] = -np.inf
+            if squares is not None:
+                squares[bad] = np.inf
+        return logs[:, 0] if self._single else logs, tuple(reasons)
 
     def _backward(
         self, Q: Any, R: Any, P0: Any

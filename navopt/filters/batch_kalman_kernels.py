@@ -18,35 +18,34 @@ from typing import Any
 from numba import cfunc, njit
 
 from navopt.filters import batch_kalman_task as at
-from navopt.filters.batch_kalman_program import CHECK, CLOSE, FIELDS, SUMS, Layout
+from navopt.filters.batch_kalman_program import CHECK, FIELDS, SUMS, Layout
 from navopt.filters.batch_kalman_steps import (
     FRESH,
     MOVING,
     RESTING,
-    add_drive,
-    add_errors,
-    begin_block,
-    coast,
-    fetch,
+    carry,
     finish,
     gather_settled,
-    hand_over,
-    helper,
     hold,
-    keep,
-    leave_out,
-    share,
+    spread,
     watch,
 )
 from navopt.filters.lane_sums import add_sums
 from navopt.filters.lanes import (
     LANES,
+    add,
     call,
+    choose,
     keep_small,
     load,
+    log,
+    mul,
+    muladd,
     peek,
     peek_index,
+    poke,
     poke_index,
+    splat,
     store,
     sub,
 )
@@ -56,39 +55,50 @@ __all__ = ["advance_address", "filter_lanes"]
 ROW = 8 * LANES
 #: Steps between two looks at whether the covariance still changes.
 WATCH = 8
-#: Most blocks in one instruction, and most bytes of their workspaces: they are to stay in the nearest cache.
-GROUP, NEAR = 4, 32768
-CHI, STEP_CHI, SETTLED, PADDING = Layout.CHI, Layout.STEP_CHI, Layout.SETTLED, Layout.PADDING
+LN_2 = math.log(2.0)
+PRODUCT, POWER, CHI, FAIL, STEP_CHI = Layout.PRODUCT, Layout.POWER, Layout.CHI, Layout.FAIL, Layout.STEP_CHI
+SETTLED, PADDING, CANDIDATE, STATE = Layout.SETTLED, Layout.PADDING, Layout.CANDIDATE, Layout.STATE
 
 
 def _advance(task):
-    """Carry out whole steps of some blocks, as `BASES` to `END` of the task say."""
+    """Carry out whole steps of some blocks, as `BASES` to `RESTS` of the task say."""
     keep_small()
-    n, m, T = peek_index(task, at.N), peek_index(task, at.M), peek_index(task, at.T)
-    bases, number, order = peek_index(task, at.BASES), peek_index(task, at.NUMBER), peek_index(task, at.ORDER)
-    workspace, size = peek_index(task, at.WORKSPACE), peek_index(task, at.ROWS) * ROW
-    parts = task + 8 * at.KEPT
+    m, T = peek_index(task, at.M), peek_index(task, at.T)
+    bases, number = peek_index(task, at.BASES), peek_index(task, at.NUMBER)
+    predicted, filtered, results = task + 8 * at.PREDICTED, task + 8 * at.FILTERED, task + 8 * at.RESULTS
     # flags are read where they are needed: for each value of one that it knows not to change the compiler
     # would make a copy of the loop
     for t in range(peek_index(task, at.BEGIN), peek_index(task, at.END)):
         y, seen = peek_index(task, at.Y) + 8 * t * m, peek_index(peek_index(task, at.MEASURED), t)
-        drive = peek_index(task, at.DRIVE) + t * peek_index(task, at.NEXT_DRIVE)
-        share(task, t)
-        for b in range(number):
+        rests, keeps = peek_index(task, at.RESTS), peek_index(task, at.KEEPS)
+        shared, source = peek_index(task, at.SHARED), task + 8 * at.SOURCES
+        new = t == 0 or peek_index(task, at.SHARED_VARIES)
+        for _ in range(peek_index(task, at.MATRICES_USED) if new else 0):
+            entries, step = peek_index(source, 1), peek_index(source, 2)
+            if t == 0 or step > 0:
+                spread(shared, peek_index(source, 0) + t * step, entries)
+            shared += ROW * entries
+            source += 24
+        for b in range(0 if rests else number):
             base = peek_index(bases, b)
-            fetch(task, order + 8 * LANES * ((base - workspace) // size), base, t)
-            if peek_index(task, at.KEEPS):
-                store(base, STEP_CHI, load(base, CHI))
-                keep(task, parts, parts + 16 * at.PART, base, t)
-        for stage in range(at.UPDATE, at.PREDICT + 1):
-            if stage == at.NOISE:
-                for b in range(number):
+            if t == 0:
+                start = peek_index(task, at.START) + 8 * PRODUCT
+                spread(base + ROW * PRODUCT, start, peek_index(task, at.ROWS) - PRODUCT)
+            carry(task, task + 8 * at.CANDIDATES, filtered if keeps else predicted, base, t)
+            store(base, STEP_CHI, load(base, CHI))
+        for stage in range(at.INNOVATE if rests else at.UPDATE, at.MOVE + 1 if rests else at.INNOVATE):
+            if stage == at.NOISE or stage == at.MOVE:
+                for b in range(number if t == T - 1 or peek_index(task, at.KEEPS) else 0):
                     base = peek_index(bases, b)
-                    if peek_index(task, at.KEEPS):
-                        store(base, STEP_CHI, sub(load(base, CHI), load(base, STEP_CHI)))
-                        keep(task, parts + 16 * at.PART, parts + 40 * at.PART, base, t)
-                    if peek_index(task, at.TRUTH):
-                        add_errors(task, base, peek_index(task, at.TRUTH) + 8 * t * n)
+                    chi, last = load(base, CHI), results
+                    store(base, STEP_CHI, sub(chi, load(base, STEP_CHI)))
+                    if t == T - 1:
+                        powers = muladd(splat(LN_2), load(base, POWER), log(load(base, PRODUCT)))
+                        failed = sub(load(base, FAIL), splat(float(T)))
+                        total = mul(splat(-0.5), add(powers, chi))
+                        store(base, CHI, choose(failed, splat(math.nan), total))
+                        last = task + 8 * at.LISTS
+                    carry(task, filtered if peek_index(task, at.KEEPS) else results, last, base, t)
                 if t == T - 1:
                     break
             # nothing to use, or known already
@@ -101,22 +111,18 @@ def _advance(task):
             last = operation + 8 * FIELDS * peek_index(program, 0)
             while operation < last:
                 code, k, w = peek_index(operation, 0), peek_index(operation, 1), peek_index(operation, 2)
+                other = peek_index(operation, 3)
                 if code == SUMS:
                     add_sums(operation, bases, number, peek_index(task, at.SHARED))
                 elif code == CHECK:
                     if math.isnan(peek(y, k)):
-                        for b in range(number):
-                            leave_out(task, peek_index(bases, b), k, w)
-                        operation += peek_index(operation, 3)
+                        operation += other
                         continue
                 else:
                     for b in range(number):
-                        if code == CLOSE:
-                            finish(task, peek_index(bases, b), k, w, peek(y, k), float(t))
-                        else:
-                            add_drive(task, peek_index(bases, b), drive)
+                        finish(task, peek_index(bases, b), k, w, peek(y, k), -1.0 if other else float(t))
                 operation += 8 * FIELDS
-        for b in range(number):
+        for b in range(0 if rests else number):
             hold(task, peek_index(bases, b))
 
 
@@ -126,21 +132,6 @@ def advance_address() -> int:
     options: dict[str, Any] = {"cache": True, "error_model": "numpy"}
     address: int = cfunc("void(int64)", **options)(_advance).address
     return address
-
-
-@helper
-def _advance_all(task, bases, number, begin, end):
-    """Carry out whole steps of blocks, as many at a time as the nearest cache holds."""
-    keep_small()
-    size = peek_index(task, at.ROWS) * ROW
-    near = GROUP if GROUP * size <= NEAR else NEAR // size
-    near = near if near > 0 else 1
-    for first in range(0, number, near):
-        poke_index(task, at.BASES, bases + 8 * first)
-        poke_index(task, at.NUMBER, number - first if number - first < near else near)
-        poke_index(task, at.BEGIN, begin)
-        poke_index(task, at.END, end)
-        call(peek_index(task, at.ADVANCE), task)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -153,64 +144,57 @@ def filter_lanes(task):
         Address of the integers that `navopt.filters.batch_kalman_task` lists. Nothing is checked.
     """
     keep_small()
-    m, T, measured = peek_index(task, at.M), peek_index(task, at.T), peek_index(task, at.MEASURED)
-    workspace, size = peek_index(task, at.WORKSPACE), peek_index(task, at.ROWS) * ROW
-    moving = task + 8 * at.LISTS
-    fresh, resting = moving + 8 * at.POOL, moving + 16 * at.POOL
-    states, order = moving + 24 * at.POOL, moving + 32 * at.POOL
-    poke_index(task, at.ORDER, order)
-    blocks = (peek_index(task, at.K) + LANES - 1) // LANES
-    for start in range(0, blocks, at.POOL):
-        count = blocks - start if blocks - start < at.POOL else at.POOL
+    m, T, K = peek_index(task, at.M), peek_index(task, at.T), peek_index(task, at.K)
+    measured, workspace = peek_index(task, at.MEASURED), peek_index(task, at.WORKSPACE)
+    size, group = peek_index(task, at.ROWS) * ROW, peek_index(task, at.GROUP)
+    moving, resting = task + 8 * at.LISTS, task + 8 * at.LISTS + 8 * at.POOL
+    for start in range(0, K, at.POOL * LANES):
+        count = at.POOL if K - start > at.POOL * LANES else (K - start + LANES - 1) // LANES
         for b in range(count):
+            base = workspace + b * size
             for l in range(peek_index(task, at.LANES_USED)):
-                poke_index(order, b * LANES + l, (start + b) * LANES + l)
-            begin_block(task, workspace + b * size, order + 8 * b * LANES)
+                k = start + b * LANES + l
+                poke(base, PADDING * LANES + l, 0.0 if k < K else 1.0)
+                poke(base, CANDIDATE * LANES + l, float(k if k < K else K - 1))
         # not literals, for which numba would compile what is called with them once more
-        watched, begin = 0 * m, 0 * m
+        zero = 0 * m
+        watched, begin = zero, zero
         while begin < T:
+            number_moving, number_resting, new = zero, zero, zero
+            for b in range(count):
+                base = workspace + b * size
+                if begin == 0 or peek_index(measured, begin) < m:
+                    watched = zero
+                    store(base, SETTLED, load(base, PADDING))
+                    store(base, STATE, splat(MOVING))
+                if peek(base, STATE * LANES) == RESTING:
+                    poke_index(resting, number_resting, base)
+                    number_resting += 1
+                    continue
+                poke_index(moving, number_moving, base)
+                number_moving += 1
+                if peek(base, STATE * LANES) == FRESH:
+                    # takes one more whole step, which fills the workspace with what the settled covariance
+                    # gives, and then rests with the others
+                    store(base, STATE, splat(RESTING))
+                    new = m
             # as far as the next look, or a missing measurement, after which nothing is settled
             end = begin + 1
-            while end < T and end % WATCH != 0 and peek_index(measured, end) == m:
+            while not new and end < T and end % WATCH != 0 and peek_index(measured, end) == m:
                 end += 1
-            if begin == 0 or peek_index(measured, begin) < m:
-                watched = 0 * m
-                for b in range(count):
-                    base = workspace + b * size
-                    store(base, SETTLED, load(base, PADDING))
-                    poke_index(states, b, MOVING)
-            number_moving, number_fresh, number_resting = 0 * m, 0 * m, 0 * m
-            for b in range(count):
-                if peek_index(states, b) == MOVING:
-                    poke_index(moving, number_moving, workspace + b * size)
-                    number_moving += 1
-                elif peek_index(states, b) == FRESH:
-                    poke_index(fresh, number_fresh, workspace + b * size)
-                    number_fresh += 1
-                else:
-                    poke_index(resting, number_resting, workspace + b * size)
-                    number_resting += 1
-            _advance_all(task, moving, number_moving, begin, end)
-            # what has just settled takes one more whole step, which fills the workspace with what the settled
-            # covariance gives, and then rests with the others
-            _advance_all(task, fresh, number_fresh, begin, begin + 1)
-            for t in range(begin, end):
-                y = peek_index(task, at.Y) + 8 * t * m
-                drive = peek_index(task, at.DRIVE) + t * peek_index(task, at.NEXT_DRIVE)
-                for b in range(number_resting):
-                    coast(task, peek_index(resting, b), y, drive, t)
-                if t == begin:
-                    for b in range(number_fresh):
-                        base = peek_index(fresh, b)
-                        poke_index(states, (base - workspace) // size, RESTING)
-                        poke_index(resting, number_resting, base)
-                        number_resting += 1
+            poke_index(task, at.BEGIN, begin)
+            poke_index(task, at.END, end)
+            for which in range(peek_index(task, at.LISTS_USED)):
+                poke_index(task, at.RESTS, which)
+                number = number_resting if which else number_moving
+                for first in range(0, number, group):
+                    poke_index(task, at.BASES, moving + 8 * (which * at.POOL + first))
+                    poke_index(task, at.NUMBER, number - first if number - first < group else group)
+                    call(peek_index(task, at.ADVANCE), task)
             if end % WATCH == 0 and peek_index(task, at.STEADY):
                 for b in range(number_moving):
                     watch(task, peek_index(moving, b), watched)
                 watched = m
                 if not peek_index(task, at.KEEPS):
-                    gather_settled(task, moving, number_moving, states, order)
+                    gather_settled(task, moving, number_moving)
             begin = end
-        for b in range(count):
-            hand_over(task, workspace + b * size, order + 8 * b * LANES)

@@ -25,7 +25,6 @@ from navopt.filters.lanes import LANES
 __all__ = [
     "CHECK",
     "CLOSE",
-    "DRIVE",
     "FIELDS",
     "JOSEPH",
     "MATRICES",
@@ -41,14 +40,15 @@ __all__ = [
 SEQUENTIAL, MATRIX, JOSEPH = 0, 1, 2
 #: Integers of an instruction.
 FIELDS = len(OPERATION)
-#: Kinds of instruction: sums, of `navopt.filters.lane_sums`; leave a channel out that is missing; finish a
-#: channel, all of whose sums are there; the next state.
-SUMS, CHECK, CLOSE, DRIVE = range(4)
-#: Matrices of which each entry that is not zero at all times is a row that all blocks share.
-MATRICES = ("F", "H", "G", "HT")
+#: Kinds of instruction: sums, of `navopt.filters.lane_sums`; go past a channel that is missing; finish a
+#: channel, all of whose sums are there.
+SUMS, CHECK, CLOSE = range(3)
+#: Matrices of which each entry that is not zero at all times is a row that all blocks share; what the known
+#: input adds to the state and the true state are columns.
+MATRICES = ("F", "H", "G", "drive", "truth", "HT")
 
 #: Programs in the order of a step: update where all channels are measured, or only some; noise; prediction.
-STAGES = ("update", "partial", "noise", "predict")
+STAGES = ("update", "partial", "errors", "noise", "predict", "innovate", "rest_errors", "move")
 ROW = 8 * LANES
 
 #: Columns of the entries of each row of a matrix that are not zero at all times.
@@ -69,24 +69,25 @@ class Layout:
     ----------
     g : int
         Process noises.
-    F, H, G, HT : tuple of tuple of int
-        Columns of the entries of the matrices of the model and of Hᵀ (`Columns`), whose rows all share.
+    columns : tuple of tuple of tuple of int
+        `Columns` of each of `MATRICES`, HT being Hᵀ.
     """
 
-    #: Single rows in front, which the kernel knows as well, and the first of some zeros.
-    PRODUCT, POWER, CHI, STEP_CHI, FAIL, SETTLED, PADDING, ONE, ZERO = range(9)
+    #: Single rows in front, which the kernels know as well, and the first of some zeros. The first four are
+    #: not set at the first step but before.
+    CANDIDATE, PADDING, STATE, SETTLED, PRODUCT, POWER, CHI, FAIL, STEP_CHI, ONE, MINUS, ZERO = range(12)
 
-    def __init__(self, g: int, F: Columns, H: Columns, G: Columns, HT: Columns) -> None:
-        self.n, self.m, self.g = n, m, g = len(F), len(H), g
-        self.shared = dict(zip(MATRICES, (F, H, G, HT), strict=True))
+    def __init__(self, g: int, columns: tuple[Columns, ...]) -> None:
+        self.shared = dict(zip(MATRICES, columns, strict=True))
+        self.n, self.m, self.g = n, m, g = len(self.shared["F"]), len(self.shared["H"]), g
         # rows of P, of A = (F P)ᵀ and of the w are one longer than n, for the state
         self.wide = n + 1
         sizes = {
-            "squares": n, "P": self.wide**2, "held": self.wide**2, "Q": g * g, "R": m * m, "A": self.wide**2,
-            "W": n * n, "GQ": g * n, "w": m * self.wide, "gain": m * n, "factor": m * m, "rho": m * m,
-            "s": m, "inverse": m, "whole": m * n, "C": m * n,
+            "squares": n, "error": n, "P": self.wide**2, "held": self.wide**2, "Q": g * g, "R": m * m,
+            "A": self.wide**2, "W": n * n, "GQ": g * n, "w": m * self.wide, "gain": m * n, "factor": m * m,
+            "rho": m * m, "s": m, "inverse": m, "whole": m * n, "C": m * n,
         }  # fmt: skip
-        self._first, at = {}, self.ZERO + max(self.wide, g)
+        self._first, at = {}, self.ZERO + max(self.wide, g, m)
         for name, size in sizes.items():
             self._first[name] = at
             at += size
@@ -148,9 +149,11 @@ class _Program:
         instruction["places_row"] = 8 * entries["places_row"]
         self._instructions.append(({"code": SUMS, **instruction}, [ROW * place for place in places]))
 
-    def other(self, code: int, k: int = 0) -> int:
+    def other(self, code: int, k: int = 0, *, known: bool = False) -> int:
         """Check or close channel k, or make the next state; returns the place of the instruction."""
-        self._instructions.append(({"code": code, "to": k, "to_step": self.layout.at("w", k)}, []))
+        self._instructions.append(
+            ({"code": code, "to": k, "to_step": self.layout.at("w", k), "to_row": int(known)}, [])
+        )
         return len(self._instructions) - 1
 
     def skip_to_here(self, place: int) -> None:
@@ -191,8 +194,13 @@ def _update(program: _Program, update: int, *, partial: bool) -> None:
     layout = program.layout
     at, n, m, wide = layout.at, layout.n, layout.m, layout.wide
     for k in range(m):
-        check = program.other(CHECK, k) if partial else 0
         w, noise = at("w", k), at("R", k, k)
+        if partial:
+            # what later channels and the covariance take of this one if it is missing
+            for name, columns in (("gain", n), ("factor", m), ("inverse", 1)):
+                program.lane_sums(to=at(name, k), terms=0, columns=columns)
+            program.lane_sums(to=w + n, terms=0, columns=1)
+            check = program.other(CHECK, k)
         program.sums("H", k, 1, of=at("P"), stride=wide, columns=wide, to=w)
         for i in range(k):
             rho = Layout.ZERO
@@ -217,7 +225,7 @@ def _update(program: _Program, update: int, *, partial: bool) -> None:
         if partial:
             program.skip_to_here(check)
     if update == JOSEPH:
-        _correct_state(program)
+        _correct_state(program, twin=at("P", 0, n), twin_step=wide)
         _joseph(program)
         return
     # the state is the last entry of each row
@@ -227,13 +235,13 @@ def _update(program: _Program, update: int, *, partial: bool) -> None:
     )  # fmt: skip
 
 
-def _correct_state(program: _Program) -> None:
+def _correct_state(program: _Program, **twin: int) -> None:
     """``x += K e`` by the independent channels."""
     layout = program.layout
     at, n, m = layout.at, layout.n, layout.m
     program.lane_sums(
-        to=at("P", n), start=at("P", n), twin=at("P", 0, n), twin_step=layout.wide, factors=at("w", 0, n),
-        factors_step=layout.wide, of=at("gain"), of_step=n, terms=m, columns=n,
+        to=at("P", n), start=at("P", n), factors=at("w", 0, n), factors_step=layout.wide, of=at("gain"),
+        of_step=n, terms=m, columns=n, **twin,
     )  # fmt: skip
 
 
@@ -279,30 +287,81 @@ def _predict(program: _Program) -> None:
         "F", 0, n, of=at("A"), stride=wide, columns=n, start=at("W"), start_row=n + 1,
         **{name: value for name, value in _symmetric(layout).items() if name != "rows"},
     )  # fmt: skip
-    program.other(DRIVE)
+    program.lane_sums(to=at("P", n), twin=at("P", 0, n), twin_step=wide, start=at("A", n), terms=0, columns=n)
+    _add_drive(program)
+
+
+def _add_drive(program: _Program) -> None:
+    """What the known input adds to the state."""
+    at, n, wide = program.layout.at, program.layout.n, program.layout.wide
+    if any(program.layout.shared["drive"]):
+        program.sums("drive", 0, n, of=Layout.ONE, stride=0, columns=1, start=at("P", n), start_row=1,
+                     to=at("P", n), to_row=1, twin=at("P", 0, n), twin_row=wide)  # fmt: skip
+
+
+def _errors(program: _Program) -> None:
+    """Squares of the errors of the state."""
+    at, n = program.layout.at, program.layout.n
+    program.sums("truth", 0, n, of=Layout.MINUS, stride=0, columns=1, start=at("P", n), start_row=1,
+                 to=at("error"), to_row=1)  # fmt: skip
+    program.lane_sums(
+        to=at("squares"), to_row=1, start=at("squares"), start_row=1, rows=n, factors=at("error"),
+        factors_row=1, of=at("error"), of_row=1, terms=1, columns=1,
+    )  # fmt: skip
+
+
+def _innovate(program: _Program) -> None:
+    """The update of a state whose covariance has settled."""
+    at, n, m, wide = program.layout.at, program.layout.n, program.layout.m, program.layout.wide
+    for k in range(m):
+        error = at("w", k, n)
+        program.sums("H", k, 1, of=at("P", n), stride=1, columns=1, to=error)
+        if k:
+            program.lane_sums(
+                to=error, start=error, factors=at("factor", k), factors_step=1, of=at("w", 0, n),
+                of_step=wide, terms=k, columns=1,
+            )  # fmt: skip
+        program.other(CLOSE, k, known=True)
+    _correct_state(program, twin=at("A", n), twin_step=1)
+
+
+def _move(program: _Program) -> None:
+    """The next state alone."""
+    at, n, wide = program.layout.at, program.layout.n, program.layout.wide
+    program.sums("F", 0, n, of=at("A", n), stride=1, columns=1, to=at("P", n), to_row=1, twin=at("P", 0, n),
+                 twin_row=wide)  # fmt: skip
+    _add_drive(program)
 
 
 @lru_cache(maxsize=64)
-def programs(g: int, F: Columns, H: Columns, G: Columns, HT: Columns, update: int) -> tuple[np.ndarray, ...]:
+def programs(g: int, columns: tuple[Columns, ...], update: int, compares: bool) -> tuple[np.ndarray, ...]:
     """Programs of `STAGES`.
 
     Parameters
     ----------
-    g, F, H, G, HT
+    g, columns
         As for `Layout`.
     update : int
         `SEQUENTIAL`, which ignores all of R but its diagonal, `MATRIX` or `JOSEPH`.
+    compares : bool
+        Whether there are true states.
     """
-    layout = Layout(g, F, H, G, HT)
+    layout = Layout(g, columns)
+    writers = {
+        "update": lambda program: _update(program, update, partial=False),
+        "partial": lambda program: _update(program, update, partial=True),
+        "errors": _errors,
+        "noise": _noise,
+        "predict": _predict,
+        "innovate": _innovate,
+        "rest_errors": _errors,
+        "move": _move,
+    }
     packed = []
-    for write in (
-        lambda program: _update(program, update, partial=False),
-        lambda program: _update(program, update, partial=True),
-        _noise,
-        _predict,
-    ):
+    for stage in STAGES:
         program = _Program(layout)
-        write(program)
+        if compares or writers[stage] is not _errors:
+            writers[stage](program)
         packed.append(program.pack())
         packed[-1].setflags(write=False)
     return tuple(packed)

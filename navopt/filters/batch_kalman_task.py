@@ -6,44 +6,41 @@ Numbers are contiguous doubles; K candidates, T steps, n states, m channels, g p
 from __future__ import annotations
 
 from navopt.filters.batch_kalman_program import MATRICES
-from navopt.filters.lanes import LANES
 
 #: Blocks in memory together.
 POOL = 16
 
 (
-    # sizes; lanes of a block and numbers of the lists below, which the compiler must not know, or it
-    # would write as many copies of every loop
-    N, M, G, T, K, LANES_USED, MATRICES_USED, CANDIDATES_USED,
-    # whether the process noise varies, and whether settling may be looked for
-    NOISE_VARIES, STEADY,
-    # workspaces, one after the other, the rows of one, and rows that all share
-    WORKSPACE, ROWS, SHARED,
+    # sizes; lanes of a block, and numbers of `MATRICES` and of lists of blocks, which the compiler must not
+    # know, or it would write as many copies of every loop
+    N, M, T, K, LANES_USED, MATRICES_USED, LISTS_USED,
+    # whether the process noise varies, or what all share, whether settling may be looked for, and whether
+    # everything is kept
+    NOISE_VARIES, SHARED_VARIES, STEADY, KEEPS,
+    # workspaces, one after the other, the rows of one, what is in them at first, rows that all share, and
+    # how many blocks are taken at a time
+    WORKSPACE, ROWS, START, SHARED, GROUP,
     # numbers of rows in a workspace
-    SQUARES, P, HELD, A, W, GAIN, FACTOR, VARIANCE, INVERSE,
-    # programs, see `navopt.filters.batch_kalman_program`
-    UPDATE, PARTIAL, NOISE, PREDICT,
-    # of each row of F and of H how many entries are not zero at all times, and their columns
-    F_COLUMNS, H_COLUMNS,
-    # first state; measurements (T, m), and how many channels are measured at each time; what the known input
-    # adds (n), and the bytes to the next time; true states (T, n) or 0
-    X0, Y, MEASURED, DRIVE, NEXT_DRIVE, TRUTH,
-    # results: log-likelihood without its constant (K), first step with an impossible innovation variance (K;
-    # T if none), sums of squared errors (K, n), and how many candidates failed
-    LOGS, FAILED, ERRORS, FAILURES,
-    # whether everything is kept
-    KEEPS,
-    # the compiled steps; the blocks and the times they are called for; whose lanes those in memory are
-    ADVANCE, BASES, NUMBER, BEGIN, END, ORDER,
+    P, HELD, GAIN, VARIANCE, INVERSE,
+    # `STAGES`: programs of a whole step, and of one whose covariance rests, the first of which is INNOVATE
+    UPDATE, PARTIAL, ERRORS, NOISE, PREDICT, INNOVATE, REST_ERRORS, MOVE,
+    # measurements (T, m), and how many channels are measured at each time
+    Y, MEASURED,
+    # the compiled steps; the blocks and the times they are called for, and whether these rest
+    ADVANCE, BASES, NUMBER, BEGIN, END, RESTS,
     # of each of `MATRICES` its entries, how many, and the bytes to the next time
     SOURCES,
-) = range(46)  # fmt: skip
-#: Of Q, R and P0 the address of (K, steps, width, width), the bytes to the next candidate (0 if all have the
-#: same), steps (T or 1), width, and the first row and the rows from one row to the next in a workspace.
-CANDIDATES, CANDIDATE = SOURCES + 3 * len(MATRICES), 6
-#: Of states and covariances, predicted and filtered, and of the normalised innovations squared the first row,
-#: rows, columns, rows from one row to the next, and the address of an array (K, T, rows, columns).
-KEPT, PART = CANDIDATES + 3 * CANDIDATE, 5
+) = range(38)  # fmt: skip
+#: What is copied: Q, R and P0 of the candidates; if all is kept, states and covariances, predicted and
+#: filtered, and the normalised innovations squared; of the results the log-likelihood without its constant,
+#: NaN where the filter failed, the first step with an impossible innovation variance (T if none), and the
+#: sums of squared errors. Each has an address, the bytes from there to the next candidate and to the next
+#: time, rows and columns, the first row in a workspace and the rows from one of its rows to the next, whether
+#: it goes out, and when it is copied if it is the same at all times.
+CANDIDATES, PART = SOURCES + 3 * len(MATRICES), 9
+PREDICTED = CANDIDATES + 3 * PART
+FILTERED = PREDICTED + 2 * PART
+RESULTS = FILTERED + 3 * PART
 #: Where the kernel keeps its lists, and where they end.
-LISTS = KEPT + 5 * PART
-SIZE = LISTS + (4 + LANES) * POOL
+LISTS = RESULTS + 3 * PART
+SIZE = LISTS + 2 * POOL

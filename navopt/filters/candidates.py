@@ -48,8 +48,10 @@ def as_candidates(name: str, value: Any, size: int, steps: int) -> np.ndarray:
     return matrix
 
 
-def judge(name: str, matrix: np.ndarray, *, definite: bool) -> tuple[list[str | None] | None, np.ndarray]:
-    """Find out what is wrong with each candidate's matrices, and which are diagonal.
+def judge(
+    name: str, matrix: np.ndarray, *, definite: bool
+) -> tuple[list[str | None] | None, np.ndarray | None]:
+    """Find out what is wrong with each candidate's matrices, and which are not diagonal.
 
     The judgement on a candidate does not depend on the others.
 
@@ -63,20 +65,21 @@ def judge(name: str, matrix: np.ndarray, *, definite: bool) -> tuple[list[str | 
 
     Returns
     -------
-    tuple of (list of (str or None) or None) and ndarray, shape (K,)
-        Reasons, None if there is none at all; whether all matrices of the candidate are diagonal.
+    tuple of (list of (str or None) or None) and (ndarray, shape (K,), or None)
+        Reasons, None if there is none at all; whether a matrix of the candidate is not diagonal, None if all
+        are.
     """
     size = matrix.shape[-1]
-    variances = np.diagonal(matrix, axis1=-2, axis2=-1)
+    variances = matrix.reshape(*matrix.shape[:2], size * size)[..., :: size + 1]
+    full = None
     if size == 1 or np.count_nonzero(matrix) == np.count_nonzero(variances):
         # all diagonal: the common case, and a swarm asks it thousands of times
-        diagonal = np.ones(len(matrix), dtype=bool)
-        least = variances.min()
+        least, largest = np.minimum.reduce(variances, None), np.maximum.reduce(variances, None)
         # NaN fails every comparison
-        if (least > 0.0 or (least == 0.0 and not definite)) and variances.max() < np.inf:
-            return None, diagonal
+        if (least > 0.0 or (least == 0.0 and not definite)) and largest < np.inf:
+            return None, None
     else:
-        diagonal = (matrix[..., ~np.eye(size, dtype=bool)] == 0.0).all(axis=(1, 2))
+        full = (matrix[..., ~np.eye(size, dtype=bool)] != 0.0).any(axis=(1, 2))
     reasons: list[str | None] = [None] * len(matrix)
     finite = np.isfinite(matrix).all(axis=(1, 2, 3))
     low = (variances <= 0.0 if definite else variances < 0.0).any(axis=(1, 2))
@@ -89,19 +92,19 @@ def judge(name: str, matrix: np.ndarray, *, definite: bool) -> tuple[list[str | 
             bad = variances[k] <= 0.0 if definite else variances[k] < 0.0
             i = int(np.argwhere(bad)[0, 1])
             reasons[k] = f"{name}[{i}, {i}] is {'not positive' if definite else 'negative'}"
-    full = np.flatnonzero(finite & ~low & ~diagonal)
-    if len(full):
-        chosen = matrix[full]
+    if full is not None:
+        numbers = np.flatnonzero(finite & ~low & full)
+        chosen = matrix[numbers]
         turned = np.swapaxes(chosen, -1, -2)
         scale = np.abs(chosen).max(axis=(-2, -1), keepdims=True)
         skew = (np.abs(chosen - turned) > ASYMMETRY * scale).any(axis=(1, 2, 3))
-        sigma = np.sqrt(np.where(variances[full] > 0.0, variances[full], 1.0))
+        sigma = np.sqrt(np.where(variances[numbers] > 0.0, variances[numbers], 1.0))
         # eigenvalues of correlations, whatever the units
         least = np.linalg.eigvalsh(chosen / (sigma[..., :, None] * sigma[..., None, :]))[..., 0].min(axis=1)
         limit = 1e-14 if definite else -1e-10
-        for k, crooked, value in zip(full, skew, least, strict=True):
+        for k, crooked, value in zip(numbers, skew, least, strict=True):
             if crooked:
                 reasons[k] = f"{name} is not symmetric"
             elif value < limit * size:
                 reasons[k] = f"{name} is not positive {'definite' if definite else 'semi-definite'}"
-    return reasons, diagonal
+    return reasons, full

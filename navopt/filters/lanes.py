@@ -39,6 +39,7 @@ __all__ = [
     "if_close",
     "keep_small",
     "load",
+    "log",
     "mantissa",
     "mul",
     "muladd",
@@ -314,6 +315,18 @@ def mantissa(typing, a):
     def generate(context, builder, signature, args):
         bits = builder.and_(builder.bitcast(args[0], _INTEGERS), _constants(0x000FFFFFFFFFFFFF))
         return builder.bitcast(builder.or_(bits, _constants(0x3FF0000000000000)), VECTOR)
+
+    return _lanes(_lanes), generate
+
+
+@intrinsic
+def log(typing, a):
+    """Natural logarithm."""
+
+    def generate(context, builder, signature, args):
+        signature = ir.FunctionType(VECTOR, [VECTOR])
+        function = cgutils.get_or_insert_function(builder.module, signature, f"llvm.log.v{LANES}f64")
+        return builder.call(function, args)
 
     return _lanes(_lanes), generate
 
