@@ -23,15 +23,15 @@ def bench(
 ) -> None:
     """Time filters beside their peers, one thread each.
 
-    `filters`: the batched Kalman filter beside filterpy and statsmodels. `unscented`: the filters of
-    heading-aided alignment over a record of 1,500 s at 100 Hz, beside filterpy's unscented filter on a short
-    stretch of it. Needs the extra `bench`.
+    `filters`: the batched Kalman filter beside filterpy and statsmodels, and one start of the innovation
+    likelihood. `unscented`: the filters of heading-aided alignment over a record of 1,500 s at 100 Hz, beside
+    filterpy's unscented filter on a short stretch of it. Needs the extra `bench`.
     """
     from comparisons.threads import THREAD_LIMITS
 
     # before numpy is imported, as in `navopt run`
     os.environ.update(THREAD_LIMITS)
-    from comparisons.filter_speed import compile_seconds, filter_costs, speed_table
+    from comparisons.filter_speed import compile_seconds, filter_costs, speed_table, start_seconds
     from navopt.errors import InvalidInput, UnknownName
 
     if what not in WHAT:
@@ -45,6 +45,7 @@ def bench(
         screen.print(unscented_table(unscented_costs(repeats=repeats)))
         return
     screen.print(speed_table(filter_costs(repeats=repeats)))
+    screen.print(f"innovation likelihood, 1,000 steps: {start_seconds():.3f} s a start; 0.15 meant")
     if compilation:
         first, again = compile_seconds()
         screen.print(f"compiled in {first:.1f} s; in another process, from the cache, {again:.2f} s")

@@ -14,6 +14,9 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+import navopt
+from baselines.likelihood_fit import fit_innovation_likelihood
+from baselines.noise_baseline import structure_of
 from comparisons.speed import interleaved
 from navopt.errors import MissingExtra
 from navopt.filters.batch_kalman import BatchKalman
@@ -27,6 +30,7 @@ __all__ = [
     "compile_seconds",
     "filter_costs",
     "speed_table",
+    "start_seconds",
 ]
 
 _COMPILE = """
@@ -216,6 +220,21 @@ def compile_seconds() -> tuple[float, float]:
             for _ in range(2)
         ]
     return times[0], times[1]
+
+
+def start_seconds(*, worlds: int = 5, starts: int = 5) -> float:
+    """Median over worlds of the processor seconds that one start of the innovation likelihood takes.
+
+    Two states, 1,000 steps, two parameters; the graph was built before.
+    """
+    seconds = []
+    for seed in range(worlds + 1):
+        problem: Any = navopt.simulate("pushing-distance", seed)
+        structure = structure_of(problem)
+        begun = time.process_time()
+        fit_innovation_likelihood(problem.model, structure, starts=starts)
+        seconds.append((time.process_time() - begun) / starts)
+    return float(np.median(seconds[1:]))
 
 
 def speed_table(costs: list[FilterCost]) -> Table:

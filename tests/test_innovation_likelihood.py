@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 from noise_tools import (
@@ -198,17 +196,6 @@ def test_small_sample_of_worlds_is_unbiased_and_errors_are_as_large_as_said() ->
     assert (np.abs(errors.mean(axis=0)) < limit * sigma + 0.01).all()
     said = np.array([fit.sigma_log10 for fit in fits])
     np.testing.assert_allclose(np.median(said, axis=0), sigma, rtol=0.15)
-
-
-def test_time_per_start() -> None:
-    model, _ = pushing(0)
-    fit_innovation_likelihood(model, PUSHING, starts=1)  # builds the graph
-    times = []
-    for _ in range(3):
-        begin = time.process_time()
-        fit_innovation_likelihood(model, PUSHING, starts=5)
-        times.append((time.process_time() - begin) / 5)
-    assert min(times) < 0.15
 
 
 def test_a_budget_is_asked_before_every_run() -> None:

@@ -58,5 +58,6 @@ def test_the_timing_agrees_with_its_peers_and_prints(monkeypatch) -> None:
     assert result.exit_code == 0, result.output
     assert "two" in result.output
     assert "1,000" in result.output
+    assert "s a start" in result.output
     assert CliRunner().invoke(cli.app, ["bench", "filter"]).exit_code == 2
     assert CliRunner().invoke(cli.app, ["bench", "--repeats", "0"]).exit_code == 2
