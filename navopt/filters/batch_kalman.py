@@ -198,27 +198,7 @@ class BatchKalman:
 
     def run(self, Q: Any, R: Any, P0: Any = None) -> BatchRun:
         """Filter and keep everything. Memory grows with K T n²; `log_likelihood` needs none of it."""
-        candidates = self._prepare(Q, R, P0)
-        model, count, number = self.model, len(candidates.reasons), len(self._y)
-        n, T = model.n_states, model.n_steps
-        shapes = ((n,), (n, n), (n,), (n, n), ())
-        kept = [np.full((number, count, T, *shape), np.nan) for shape in shapes]
-        logs, failed = self._evaluate(candidates, kept=kept)
-        for k, reason in enumerate(failed):
-            if reason is not None:
-                for array in kept:
-                    array[:, k] = np.nan
-        predicted, P_predicted, filtered, P_filtered, nis = (np.swapaxes(a, 0, 1) for a in kept)
-        H, R = model.H, np.broadcast_to(candidates.given[1], (count, *candidates.given[1].shape[1:]))
-        innovations = self._y - (H @ predicted[..., None])[..., 0]
-        S = H @ P_predicted @ np.swapaxes(H, -1, -2) + R[:, None]
-        missing = np.isnan(self._y)
-        S[:, missing[..., :, None] | missing[..., None, :]] = np.nan
-        if self._single:
-            predicted, P_predicted, filtered, P_filtered, innovations, S, nis = (
-                a[:, 0] for a in (predicted, P_predicted, filtered, P_filtered, innovations, S, nis)
-            )
-        return BatchRun(predicted, P_predicted, filtered, P_filtered, innovations, S, nis, logs, failed)
+        return self._run(self._prepare(Q, R, P0))
 
     def smooth(self, Q: Any, R: Any, P0: Any = None) -> BatchSmoothed:
         """States given all measurements, before and after (fixed interval)."""
@@ -316,11 +296,34 @@ class BatchKalman:
                 squares[bad] = np.inf
         return logs[:, 0] if self._single else logs, tuple(reasons)
 
+    def _run(self, candidates: _Candidates) -> BatchRun:
+        """Filter checked candidates and keep everything."""
+        model, count, number = self.model, len(candidates.reasons), len(self._y)
+        n, T = model.n_states, model.n_steps
+        shapes = ((n,), (n, n), (n,), (n, n), ())
+        kept = [np.full((number, count, T, *shape), np.nan) for shape in shapes]
+        logs, failed = self._evaluate(candidates, kept=kept)
+        for k, reason in enumerate(failed):
+            if reason is not None:
+                for array in kept:
+                    array[:, k] = np.nan
+        predicted, P_predicted, filtered, P_filtered, nis = (np.swapaxes(a, 0, 1) for a in kept)
+        H, R = model.H, np.broadcast_to(candidates.given[1], (count, *candidates.given[1].shape[1:]))
+        innovations = self._y - (H @ predicted[..., None])[..., 0]
+        S = H @ P_predicted @ np.swapaxes(H, -1, -2) + R[:, None]
+        missing = np.isnan(self._y)
+        S[:, missing[..., :, None] | missing[..., None, :]] = np.nan
+        if self._single:
+            predicted, P_predicted, filtered, P_filtered, innovations, S, nis = (
+                a[:, 0] for a in (predicted, P_predicted, filtered, P_filtered, innovations, S, nis)
+            )
+        return BatchRun(predicted, P_predicted, filtered, P_filtered, innovations, S, nis, logs, failed)
+
     def _backward(
         self, Q: Any, R: Any, P0: Any
     ) -> tuple[BatchRun, list[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        run = self.run(Q, R, P0)
-        model, given = self.model, self._prepare(Q, R, P0).given
+        candidates = self._prepare(Q, R, P0)
+        run, model, given = self._run(candidates), self.model, candidates.given
         n, m, g, T = model.n_states, model.n_measurements, model.n_noises, model.n_steps
         count, number = len(run.failed), len(self._y)
         F, H, G = (a if a.ndim == 3 else a[None] for a in (model.F, model.H, model.G))

@@ -47,7 +47,8 @@ SUMS, CHECK, CLOSE = range(3)
 #: input adds to the state and the true state are columns.
 MATRICES = ("F", "H", "G", "drive", "truth", "HT")
 
-#: Programs in the order of a step: update where all channels are measured, or only some; noise; prediction.
+#: Programs in the order of a step: update where all channels are measured, or only some; errors; noise;
+#: prediction. Then those of a step whose covariance rests: update of the state, its errors, the next state.
 STAGES = ("update", "partial", "errors", "noise", "predict", "innovate", "rest_errors", "move")
 ROW = 8 * LANES
 
